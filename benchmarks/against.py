@@ -2,7 +2,8 @@
 
 The other version is unpacked from git into the user's cache, once, and compiles its own kernels there. Each case is run
 for several rounds with one run of each version; the version that runs first alternates. The result is the median of the
-ratios.
+ratios. The rounds are those of several pairs of processes: where the memory of a process lies decides a quarter of the
+time of a short case, for as long as this process lives.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ from benchmarks.one_version import CASES
 from rig.errors import UsageError
 from rig.machine.files import own_folder, trusted
 
-ROUNDS = 21
+PAIRS = 5
+"""Pairs of processes for each case."""
+ROUNDS = 5
+"""Rounds of a pair."""
 FLOOR = 0.95
 """Smallest speed over that of the other version, for kernels; whole runs have no floor."""
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,27 +61,37 @@ class Version:
         self._process.communicate()
 
 
-def compared(there: Path, rounds: int = ROUNDS) -> dict[str, dict[str, Any]]:
+def compared(there: Path) -> dict[str, dict[str, Any]]:
     """Return for each case the `speed` over that of the checkout `there`, times of both, and whether the results have
     the `same_bits`. A case that the other version cannot run has no speed.
     """
     comparisons = {}
-    for case in CASES:  # one process each: a failure of one version ends one case only
-        versions = [Version(ROOT), Version(there)]
-        for version in versions:
-            version.round(case)  # compiles
+    for case in CASES:  # processes of its own: a failure of one version ends one case only
         times, same = [], True
-        for k in range(rounds):
-            order = versions if k % 2 else versions[::-1]
-            measured = {version: version.round(case) for version in order}
-            (ours, at), (theirs, other) = (measured[version] for version in versions)
-            times.append((ours, theirs))
-            same = same and at == other
-        for version in versions:
-            version.end()
+        for _ in range(PAIRS):
+            measured, alike = _pair(case, there)
+            times += measured
+            same = same and alike
         comparisons[case] = _comparison(times, same)
         sys.stderr.write(f"  {case}: {comparisons[case]}\n")
     return comparisons
+
+
+def _pair(case: str, there: Path) -> tuple[list[tuple[float, float]], bool]:
+    """Processor times [s] of this version and of the other in a pair of new processes, and whether the bits agree."""
+    versions = [Version(ROOT), Version(there)]
+    for version in versions:
+        version.round(case)  # compiles
+    times, same = [], True
+    for k in range(ROUNDS):
+        order = versions if k % 2 else versions[::-1]
+        measured = {version: version.round(case) for version in order}
+        (ours, at), (theirs, other) = (measured[version] for version in versions)
+        times.append((ours, theirs))
+        same = same and at == other
+    for version in versions:
+        version.end()
+    return times, same
 
 
 def _comparison(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:

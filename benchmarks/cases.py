@@ -249,7 +249,7 @@ def versions(commit: str) -> Group:
     """Return the comparison with another version of the sources. Raises UsageError if git does not know it."""
     checkout = against.unpacked(commit)
     return Group(
-        f"speed over that of {commit}: processor time, {against.ROUNDS} rounds in turns",
+        f"speed over that of {commit}: processor time, {against.PAIRS} pairs of processes, {against.ROUNDS} rounds",
         lambda asked: against.compared(checkout) | {"first": {} if asked.quick else first_run.compared(checkout)},
         (
             *(

@@ -108,6 +108,7 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         asked=contact.points[0] * contact.points[1] if contact.points else 0,
         doubts=_beyond(contact, mesh, own, other, across, face_met, at[~met], area[at[~met]], inward[at[~met]]),
         slaves=frozenset(mesh.ids[at[met]].tolist()),
+        masters=frozenset(mesh.ids[np.unique(weights[met].indices)].tolist()),
     )
     at = at[met]
     normal = normal[met]

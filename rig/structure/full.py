@@ -62,8 +62,8 @@ class Met:
     `nodes`: of the slave faces along the normal; `pairs`: those that meet a master face within the search. `offered`,
     `met`: their areas [m^2]; `gap`: the largest of a pair [m]. Rows of a file name the nodes and areas that meet, and
     offer no others (None); on the ground they have no gap (None). `asked`: points
-    that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`: numbers of the nodes that
-    take part.
+    that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`, `masters`: numbers of the
+    nodes that take part.
     """
 
     nodes: int
@@ -74,6 +74,7 @@ class Met:
     asked: int = 0
     doubts: tuple[Doubt, ...] = ()
     slaves: frozenset[int] = field(default=frozenset(), repr=False, compare=False)
+    masters: frozenset[int] = field(default=frozenset(), repr=False, compare=False)
 
 
 @dataclass(frozen=True)

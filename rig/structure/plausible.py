@@ -40,13 +40,23 @@ def doubts(full: Full) -> tuple[Doubt, ...]:
 
 
 def _shared(contacts: Sequence[Points]) -> Iterator[Doubt]:
-    slaves = [(points.name, points.met.slaves) for points in contacts if points.met is not None]
-    for i, (name, nodes) in enumerate(slaves):
-        for other, of_other in slaves[:i]:
-            if common := sorted(nodes & of_other):
+    known = [(points.name, points.met) for points in contacts if points.met is not None]
+    for i, (name, met) in enumerate(known):
+        for other, of_other in known[:i]:
+            both = f"contacts.{other} and contacts.{name}"
+            if common := sorted(met.slaves & of_other.slaves):
                 which = f"share {counted(len(common), 'slave node')}, the first is {common[0]}"
-                what = f"contacts.{other} and contacts.{name} {which}: two springs act at the same area"
-                yield what, "give each contact slave nodes of its own, or leave one of the contacts out"
+                yield (
+                    f"{both} {which}: two springs act at the same area",
+                    "give each contact slave nodes of its own, or leave one of the contacts out",
+                )
+            elif met.slaves & of_other.masters and met.masters & of_other.slaves:
+                node = min(met.slaves & of_other.masters)
+                yield (
+                    f"{both} join the same two faces, as slave and master and the other way round (node {node}): two "
+                    "springs act at the same area",
+                    "leave one of the contacts out",
+                )
 
 
 def _unlike_material(full: Full) -> Iterator[Doubt]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 
 from rig.errors import SceneError
+from rig.printable import counted
 from rig.structure.faces import FACING, unit
 from rig.structure.full import Array, Doubt, Full, Met, Points
-from rig.structure.mesh import NOTHING, Mesh, direction_number, few, lines_of, tried
+from rig.structure.mesh import NOTHING, Mesh, Numbers, direction_number, few, lines_of, tried
 from rig.units import brief
 
 OPENED = 0.01
@@ -26,6 +27,8 @@ WHAT = ("normal", "along", "area", "radius")
 SIZES = {"area": 2, "radius": 1}
 """Those of a point, with their power of the unit of length."""
 _ALIKE = math.sqrt(1.0 - FACING**2)  # cosine between normal and sliding, at most: as between faces
+_LENGTH = 0.02  # deviation of a direction from the length 1, from rounded digits. chosen
+_OUTWARD = 0.2  # cosine between the inner side of a face and its normal. chosen
 _NONE = 1e-9  # coefficient over the largest one: less is rounding
 _PAIRED = 1e-3  # sum of a row over its size: at most, between two bodies
 _GROUND = 0.9  # sum of a row over its size: at least, on the ground
@@ -175,7 +178,7 @@ def contact_rows(name: str, path: Path, full: Full, length: float = 1.0) -> Poin
     place[known] = full.xyz[np.searchsorted(full.ids, full.node[known])]
     position = abs(normal) @ place / abs(normal).sum(axis=1)[:, None]
     sliding = _leading(given, "along", full)
-    met = _met(name, normal, _leading(given, "normal", full), area, full)
+    met = _met(given, name, {"normal": normal, "along": along}, area, full)
     points = Points(name, normal, along, area, given.sizes("radius"), position, sliding, met=met)
     _check_opening(given, points, full)
     if given.faults:
@@ -233,22 +236,27 @@ def _leading(given: _Lines, what: str, full: Full) -> Array:
     return np.asarray(directions / np.maximum(sizes, np.finfo(float).tiny))
 
 
-def _met(name: str, normal: sp.csr_array, directions: Array, area: Array, full: Full) -> Met | None:
-    """How the sides of rows meet whose slaves move along `directions` [point, 3]; None without places of the nodes."""
-    entries = normal.tocoo()
+def _sides(rows: sp.csr_array, directions: Array, full: Full) -> tuple[Numbers, Numbers, Array]:
+    """Point, place of the node, and weight of each node of rows along `directions` [point, 3]: above 0 of a slave."""
+    entries = rows.tocoo()
     point, row = entries.coords
     known = (full.direction[row] >= 0) & (full.direction[row] < 3) & np.isin(full.node[row], full.ids)
-    if not known.any():
-        return None
     point = point[known]
     row = row[known]
     at = np.searchsorted(full.ids, full.node[row])
     motion = entries.data[known] * directions[point, full.direction[row]]
-    pairs, of = np.unique(point * len(full.ids) + at, return_inverse=True)
-    weight = np.bincount(of, motion)
-    weight[abs(weight) < _NONE * abs(weight).max()] = 0.0
-    point = pairs // len(full.ids)
-    at = pairs % len(full.ids)
+    pairs, of = np.unique(point * max(len(full.ids), 1) + at, return_inverse=True)
+    weight = np.asarray(np.bincount(of, motion), np.float64)
+    weight[abs(weight) < _NONE * abs(weight).max(initial=0.0)] = 0.0
+    return pairs // max(len(full.ids), 1), pairs % max(len(full.ids), 1), weight
+
+
+def _met(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], area: Array, full: Full) -> Met | None:
+    """How the sides of the `rows` normal and along meet; None without places of the nodes."""
+    directions = _leading(given, "normal", full)
+    point, at, weight = _sides(rows["normal"], directions, full)
+    if not len(point):
+        return None
     sides = []
     for side in (weight > 0.0, weight < 0.0):
         total = np.bincount(point[side], abs(weight[side]), len(area))
@@ -257,17 +265,67 @@ def _met(name: str, normal: sp.csr_array, directions: Array, area: Array, full: 
         with np.errstate(invalid="ignore"):  # a point on the ground has no master
             sides.append(moments / total[:, None])
     gaps = abs(((sides[0] - sides[1]) * directions).sum(axis=1))
-    slaves = frozenset(full.ids[at[weight > 0.0]].tolist())
+    slaves, masters = (frozenset(full.ids[at[side]].tolist()) for side in (weight > 0.0, weight < 0.0))
     gap = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else None
     whole = float(area.sum())
     surface, _ = _surface(full)
-    doubts: tuple[Doubt, ...] = ()
+    doubts = [*_odd_lengths(given, name, rows, full), *_turned(given, name, directions, (point, at, weight), full)]
     if whole < DOUBTED * surface:
         what = (
             f"contacts.{name}: its rows give an area of {whole:.3g} m^2; the surface of the mesh is {surface:.3g} m^2"
         )
-        doubts = ((what, "check the areas: they are in the units of structure.units"),)
-    return Met(len(slaves), len(slaves), None, whole, gap, doubts=doubts, slaves=slaves)
+        doubts.append((what, "check the areas: they are in the units of structure.units"))
+    return Met(len(slaves), len(slaves), None, whole, gap, doubts=tuple(doubts), slaves=slaves, masters=masters)
+
+
+def _odd_lengths(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], full: Full) -> Iterator[Doubt]:
+    """Yield a doubt for each kind of rows of which a slave does not move by 1 m where it moves by 1 m along them."""
+    for what, of_kind in rows.items():
+        point, _, weight = _sides(of_kind, _leading(given, what, full), full)
+        slave = weight > 0.0
+        lengths = np.bincount(point[slave], weight[slave], len(given.points))
+        odd = np.flatnonzero((abs(lengths - 1.0) > _LENGTH) & (lengths > 0.0))
+        if len(odd):
+            k = int(odd[0])
+            first = next(label for label, number in given.points.items() if number == k)
+            yield (
+                f"contacts.{name}: {given.name}, line {given.first[first, what]}: the {what} of point {first} has the "
+                f"length {lengths[k]:.3g}; displacements and forces along it are multiplied by it",
+                f"give directions of length 1 ({counted(len(odd), 'point')} with another one)",
+            )
+
+
+def _turned(
+    given: _Lines, name: str, directions: Array, sides: tuple[Numbers, Numbers, Array], full: Full
+) -> Iterator[Doubt]:
+    """Yield a doubt if normals, along `directions` [point, 3], point out of the bodies of their slaves.
+
+    The neighbours of a node on a face of solid elements lie on the inner side of it.
+    """
+    point, at, weight = sides
+    parts = [part.factor * part.matrix for part in full.parts if part.of == "stiffness" and not part.key]
+    if not parts:
+        return
+    slave = weight > 0.0
+    rows = np.flatnonzero(np.isin(full.node, full.ids[at[slave]]) & (full.direction >= 0) & (full.direction < 3))
+    i, j = sp.csr_array(sum(parts))[rows].tocoo().coords
+    known = np.isin(full.node[j], full.ids)
+    node, other = (np.searchsorted(full.ids, full.node[k[known]]) for k in (rows[i], j))
+    inward = np.zeros_like(full.xyz)
+    np.add.at(inward, node, full.xyz[other] - full.xyz[node])
+    inside = np.zeros((len(given.points), 3))
+    np.add.at(inside, point[slave], weight[slave, None] * inward[at[slave]])
+    depth = (inside * directions).sum(axis=1)
+    turned = np.flatnonzero(depth < -_OUTWARD * np.linalg.norm(inside, axis=1))
+    if len(turned):
+        first = next(label for label, number in given.points.items() if number == turned[0])
+        line = given.first[first, "normal"]
+        yield (
+            f"contacts.{name}: {given.name}, line {line}: the normal of point {first} points out of its slave: its gap "
+            "would grow where the two sides come closer",
+            "the normal points from the master into the slave, which is the first node of a point; change the signs "
+            f"({counted(len(turned), 'point')} like this)",
+        )
 
 
 def _check_opening(given: _Lines, points: Points, full: Full) -> None:

@@ -79,7 +79,7 @@ class Stated:
         contacts = {}
         for name, contact in self.contacts.items():
             met = asdict(contact.met)
-            del met["slaves"]
+            del met["slaves"], met["masters"]
             del met["doubts"]
             contacts[name] = {"points": contact.points, **met}
         return {"total_mass": self.total, "contacts": contacts, "doubts": [what for what, _ in self.doubts]}

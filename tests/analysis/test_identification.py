@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN
+from rig.analysis.identification.answer import IDENTIFIED, UNKNOWN, WEAK
 from rig.analysis.identification.cycles import CycleRun
 from rig.analysis.identification.next_experiment import propose
 from rig.analysis.identification.responses import cycle_response
@@ -106,7 +106,17 @@ def test_a_single_run_and_a_parameter_without_influence_are_not_identifiable(twi
     assert "vary the load" in alone.text()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wide_interval_from_three_loads_is_weak():
+    """The damping acts nearly as the offset does (0.94), and its interval of 30 % is true."""
+    truth, entries = belt_twin(11, ((0.05, 12.0), (0.1, 16.0), (0.15, 26.0)))
+    fit = rig.identify("belt", entries, FREE, starts=1, workers=1)
+    for parameter in fit.parameters:
+        half = max(parameter.high - parameter.value, parameter.value - parameter.low) / parameter.value
+        assert parameter.verdict == (WEAK if half > 0.3 else IDENTIFIED)
+        assert parameter.low < truth[parameter.key] < parameter.high
+
+
+@pytest.mark.parametrize("seed", [1, 2, 12])
 def test_where_the_fit_is_flat_the_others_keep_their_intervals(seed):
     """At one load the level of friction and the offset of the laser are one number; the rest is told, and holds."""
     truth, entries = belt_twin(seed, RUNS[:2])

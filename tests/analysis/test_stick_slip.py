@@ -1,6 +1,7 @@
 """Stick and slip in recordings: against limit cycles, a published detector, and a law that is known."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -197,6 +198,21 @@ def test_drop_outs_of_a_laser_hide_slips_and_make_none(kind):
     counts = (0, 7, 70, 5) if kind == "nan" else (44, 4, 40, 5)
     assert (found.held, found.bridged, found.missing, found.cut) == counts
     assert f"{found.missing} samples missing in longer gaps, 5 slips cut by an end or a gap" in found.text()
+
+
+def test_slips_that_are_noise_are_told():
+    """40 slips; the threshold that is named finds them again."""
+    rng = np.random.default_rng(1)
+    phase = np.arange(20_000) / 500.0 % 1.0
+    slip = np.where(phase < 0.3, 0.05 * np.sin(math.pi * np.minimum(phase, 0.3) / 0.3) ** 2, 0.0)
+    run = measured(v=(slip + 1e-3 * rng.standard_normal(slip.size), "m/s"))
+    noisy = stick_slip(run, "v", threshold=2e-4)
+    assert len(noisy.slips) > 100
+    assert noisy.noise == pytest.approx(1e-3, rel=0.1)
+    told = re.search(r"some of the slips may be noise: .* take a threshold above ([\d.e-]+) m/s", noisy.text())
+    found = stick_slip(run, "v", threshold=float(told[1]))
+    assert len(found.slips) == 40
+    assert "noise" not in found.text()
 
 
 def test_a_constant_speed_is_not_taken_for_a_held_one():

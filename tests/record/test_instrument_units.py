@@ -16,6 +16,11 @@ RPM = ("rad/s", 2.0 * np.pi / 60.0)
 MEANINGS = {
     **dict.fromkeys(["rpm", "RPM", "U/min", "1/min", "min-1", "min^-1", "min⁻¹", "r/min", "rev/min", "UPM"], RPM),
     **dict.fromkeys(["Nm", "N m", "N*m", "N·m", "N.m", "N-m", "newton meter"], ("N*m", 1.0)),
+    **dict.fromkeys(["[m/s²]", "<m/s^2>", "ms^-2", "metres per second/s"], ("m/s^2", 1.0)),
+    "kOhm": ("ohm", 1e3),
+    "Ns/m": ("N*s/m", 1.0),
+    "kgm²": ("kg*m^2", 1.0),
+    "tr/min": RPM,
     "mNm": ("N*m", 1e-3),
     "Ncm": ("N*m", 1e-2),
     "kNm": ("N*m", 1e3),
@@ -96,7 +101,7 @@ def test_what_instruments_write_has_one_meaning(text):
     assert found.factor == pytest.approx(factor, rel=1e-12)
 
 
-@pytest.mark.parametrize("text", ["degC", "°C", "deg C", "Celsius", "Grad C"])
+@pytest.mark.parametrize("text", ["degC", "°C", "deg C", "Celsius", "Grad C", "° C", "℃"])
 def test_degrees_celsius_have_their_zero(text):
     assert meaning(text) == ("K", 1.0, 273.15)
 
@@ -132,6 +137,8 @@ AMBIGUOUS = {
     "C": {("K", 275.15), ("C", 2.0)},
     "F": {("K", 2.0 / 1.8 + 459.67 / 1.8), ("F", 2.0)},
     "S": {("s", 2.0), ("S", 2.0)},
+    "ms^-1": {("m/s", 2.0), ("Hz", 2e3)},
+    "kg/cm²": {("Pa", 2e4 * c.kgf), ("kg/m^2", 2e4)},
     "mil": {("m", 2e-3 * c.inch), ("rad", 2e-3)},
     "Grad": {("rad", 2.0 * c.degree), ("rad", np.pi / 100.0)},
     "lb": {("N", 2.0 * c.lbf), ("kg", 2.0 * c.lb)},

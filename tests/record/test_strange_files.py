@@ -33,6 +33,8 @@ class Kind:
     t: Any = field(default_factory=lambda: T)
     left_out: dict[str, str] = field(default_factory=dict)
     refused: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
+    in_one_line: bool = False
 
 
 def lines(*rows, encoding="utf-8"):
@@ -143,7 +145,27 @@ def times_without_a_date(path):
     parquet.write_table(pa.table({"t": times, "v [m/s]": [1.0, 2.0, 3.0]}), path)
 
 
-def uff(path, unit):
+def parquet_with_units(path):
+    """The unit of one column in its field, of the others in the metadata of the table."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    fields = [pa.field("t", pa.float64()), pa.field("v", pa.float64(), metadata={"Units": "m/s"})]
+    schema = pa.schema(fields, metadata={"units": '{"t": "s"}'})
+    parquet.write_table(pa.table([T, V], schema=schema), path)
+
+
+def hdf5_with(key, unit):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            for name, values, of_column in (("t", T, "s"), ("v", V, unit)):
+                file[name] = values
+                file[name].attrs[key] = of_column
+
+    return write
+
+
+def uff(path, unit, **more):
     pyuff = pytest.importorskip("pyuff")
     about = {
         "binary": 0,
@@ -166,6 +188,7 @@ def uff(path, unit):
         "abscissa_min": 0.0,
         "ord_data_type": 4,
         "ordinate_axis_units_lab": unit,
+        **more,
     }
     pyuff.UFF(str(path)).write_sets([pyuff.prepare_58(**about)], "add")
 
@@ -357,7 +380,8 @@ KINDS = {
             *rows(lambda t, v, n: f"{comma(t)}\t{comma(v)}\t{comma(n, 3)}\t"),
         ),
         time="X_Value",
-        refused=("row 221: column X_Value: 'Samples' is not a number",),
+        refused=("row 220: another segment of LabVIEW begins here", "save each segment as a file of its own"),
+        in_one_line=True,
     ),
     "a cut UTF-16.csv": Kind(
         lambda path: path.write_bytes("t [s],v [m/s]\n0,1\n1,2\n2,3\n".encode("utf-16")[:-3]),
@@ -563,6 +587,157 @@ KINDS = {
     ),
 }
 
+SECONDS = ["59.0", "59.5", "00.0", "00.5"]
+KINDS |= {
+    "Rigol.csv": Kind(
+        lines(
+            "X,CH1,CH2,Start,Increment,",
+            "Sequence,Volt,Volt,-1.000000e-01,1.000000e-03",
+            *(f"{i},{v:.6e},{n:.6e},," for i, (v, n) in enumerate(zip(V, N))),
+        ),
+        ["CH1 = v, 1 m/s/V", "CH2 = n, 1 rpm/V"],
+        "",
+        becomes={"v": ("m/s", V), "n": SPEED},
+        told=("CH1        -1.49704 .. 1.49704 Volt, 200 values at 1000 Hz",),
+    ),
+    "Rigol, shorter rows.csv": Kind(
+        lines(
+            "X,CH1,Start,Increment,",
+            "Sequence,VOLT,-1.000000e-01,1.000000e-03",
+            *(f"{i},{v:.6e}," for i, v in enumerate(V)),
+        ),
+        ["CH1 = v, 1 m/s/V"],
+        "",
+    ),
+    "Rigol, increment in a name.csv": Kind(
+        lines("Time(s),CH1V,t0 = -1.000000e-01, tInc = 1.000000e-03,", *(f",{v:.6e},," for v in V)),
+        ["CH1V = v, 1 m/s/V"],
+        "",
+    ),
+    "Yokogawa.csv": Kind(
+        lines(
+            '"Header Size",15',
+            '"Model Name","DL850"',
+            '"TraceName","v","n"',
+            '"BlockSize",200,200',
+            '"VUnit","m/s","rpm"',
+            '"HResolution",1.0e-03,1.0e-03',
+            '"HOffset",0.0,0.0',
+            '"HUnit","s","s"',
+            '"Date","2024/03/01","2024/03/01"',
+            '"Time","10:00:00.00","10:00:00.00"',
+            "",
+            *rows(lambda t, v, n: f",{v},{n}"),
+        ),
+        ["v = v", "n = n"],
+        "",
+        becomes={"v": ("m/s", V), "n": SPEED},
+    ),
+    "Siglent.csv": Kind(
+        lines(
+            "Record Length,Analog:200",
+            "Sample Interval,Analog:0.001000000",
+            "Vertical Units,CH1:V,CH2:V",
+            "Source,CH1,CH2",
+            "Second,Volt,Volt",
+            *rows(lambda t, v, n: f"{t - 0.1:.12f},{v},{n}"),
+        ),
+        ["CH1 = v, 1 m/s/V"],
+        "Source",
+    ),
+    "a logger.dat": Kind(
+        lines(
+            '"TOA5","bench","CR1000","1"',
+            '"TIMESTAMP","RECORD","v"',
+            '"TS","RN","m/s"',
+            '"","","Smp"',
+            *rows(lambda t, v, n: f'"2024-03-01 10:00:{t:06.3f}",{round(1e3 * t)},{v}'),
+        ),
+        time="TIMESTAMP",
+    ),
+    "names in the second line above the rows.csv": Kind(
+        lines("time_unit;s", "trace_names;t;v", "description;;", *rows(lambda t, v, n: f";{t};{v}")),
+        ["v = v, m/s"],
+        "t, s",
+    ),
+    "separators alone above the rows.csv": Kind(lines("t,v", "s,m/s", ",", *rows(lambda t, v, n: f"{t:.6f},{v}"))),
+    "names and units by blanks.txt": Kind(lines("# t [s] v [m/s]", *rows(lambda t, v, n: f"{t:.18e} {v:.18e}"))),
+    "units behind a slash.csv": Kind(lines("t / (s);v / (m/s)", *rows(lambda t, v, n: f"{t:.6f};{v}"))),
+    "thousands with a blank.csv": Kind(
+        lines("t [s];n [U/min]", *rows(lambda t, v, n: f"{comma(t)};{german(n).replace('.', ' ')}")),
+        ["n = n"],
+        becomes={"n": SPEED},
+    ),
+    "thousands with a narrow blank.csv": Kind(
+        lines("t [s];n [U/min]", *rows(lambda t, v, n: f"{t:.6f};{n:,.3f}".replace(",", "\u202f"))),
+        ["n = n"],
+        becomes={"n": SPEED},
+    ),
+    "a date beside the time of day.txt": Kind(
+        lines("Date\tTime\tv [m/s]", *(f"0{i}.03.2024\t23:59:{s}\t{i}" for i in (1, 2) for s in SECONDS[:2])),
+        time="Time",
+        becomes={"v": ("m/s", [1.0, 1.0, 2.0, 2.0])},
+        t=[0.0, 0.5, 86400.0, 86400.5],
+        left_out={"Date": "it has dates without a time of day, which those of Time get"},
+    ),
+    "no date beside a time of day.csv": Kind(
+        lines("Date,Time,v [m/s]", "31/12/2024,11:59:59 PM,1", ",12:00:00 AM,2", "01/01/2025,12:00:01 AM,3"),
+        time="Time",
+        refused=("row 3: column Time: '12:00:00 AM' has no date beside it",),
+        in_one_line=True,
+    ),
+    "past midnight.csv": Kind(
+        lines("t,v [m/s]", *(f"{'23:59' if s > '30' else '00:00'}:{s},{i}" for i, s in enumerate(SECONDS))),
+        becomes={"v": ("m/s", [0.0, 1.0, 2.0, 3.0])},
+        t=[0.0, 0.5, 1.0, 1.5],
+        told=("the times of day have no date and pass midnight 1 time",),
+    ),
+    "past midnight with gaps, left out.csv": Kind(
+        lines("t,v [m/s]", "11:59:59 PM,1", "11:59:59.5 PM,", ",2", "12:00:00 AM,3"),
+        skip=True,
+        becomes={"v": ("m/s", [1.0, 3.0])},
+        t=[0.0, 1.0],
+    ),
+    "back by a second.csv": Kind(
+        lines("t,v [m/s]", "10:00:00,1", "10:00:02,2", "10:00:01,3"),
+        refused=("row 4, column t: the time 1 s falls",),
+    ),
+    "infinity in an early row.csv": Kind(
+        lines("Time,Channel A", "(ms),(V)", "", *(f"{i},{'∞' if i == 9 else v}" for i, v in enumerate(V))),
+        ["Channel A = v, 1 m/s/V"],
+        "Time",
+        refused=("row 13: column Channel A: '∞' is not a number",),
+        in_one_line=True,
+    ),
+    "two decimal marks.csv": Kind(
+        lines("t [s];v [m/s]", *rows(lambda t, v, n: f"{t:.6f};{comma(v)}")),
+        refused=("column v is not read: its decimal mark is ',', that of other columns '.'",),
+        in_one_line=True,
+    ),
+    "units alone.csv": Kind(lines("[s],[m/s]", *rows(lambda t, v, n: f"{t:.6f},{v}")), ["column 2 = v"], "column 1"),
+    "an epoch in double.csv": Kind(
+        lines("t [s],v [m/s]", "1709287200.000,1", "1709287200.001,2", "1709287200.002,3"),
+        becomes={"v": ("m/s", [1.0, 2.0, 3.0])},
+        t=np.array([0.0, 4194.0, 8389.0]) * 2.0**-22,  # the nearest doubles
+        told=("the times are rounded to 2.4e-07 s, the digits of a double",),
+    ),
+    "overload of an instrument.csv": Kind(
+        lines("t [s],v [m/s]", "0,1", "1,+9.9E+37", "2,+9.91E+37"),
+        refused=("row 3, column v: the value is infinite", "row 4, column v: the value is infinite"),
+    ),
+    "an abscissa in ms.uff": Kind(
+        lambda path: uff(path, "m/s", abscissa_inc=1.0, x=1e3 * T, abscissa_axis_units_lab="ms"), time=""
+    ),
+    "an abscissa in degrees.uff": Kind(
+        lambda path: uff(path, "m/s", abscissa_axis_units_lab="deg"),
+        time="",
+        refused=("column v is not read: its abscissa is in 'deg', which is no unit of time",),
+    ),
+    "UNIT.h5": Kind(hdf5_with("UNIT", "m/s")),
+    "unit_string in brackets.h5": Kind(hdf5_with("unit_string", "[m/s]")),
+    "units in metadata.parquet": Kind(parquet_with_units),
+}
+
 UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff leaves its file open
 
 
@@ -580,6 +755,8 @@ def test_a_kind_of_file(tmp_path, name):
         assert all(part in told for part in kind.refused), told
         assert str(path) in told
         assert not out.exists()
+        if kind.in_one_line:
+            assert len(told.splitlines()) == 1
         return
     import_files([path], out, given, skip_missing=kind.skip)
     run = lab.open(out)
@@ -589,10 +766,20 @@ def test_a_kind_of_file(tmp_path, name):
         assert samples.v == pytest.approx(np.asarray(values), rel=1e-9, abs=1e-12)
         assert samples.t_ns * 1e-9 == pytest.approx(np.asarray(kind.t), abs=1.1e-9)
     told = listed([path])
+    assert all(part in told.text() for part in kind.told)
     reasons = {column: why for _, column, why in told.left_out}
     for column, why in kind.left_out.items():
         assert why in reasons[column]
         assert f"not read: {reasons[column]}" in told.text()
+
+
+def test_a_library_prints_no_lines_of_its_own(tmp_path, capfd):
+    path = tmp_path / "cut.tdms"
+    tdms(path, "m/s")
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(UsageError, match=r"cut.tdms: is cut off: its last segment is not complete"):
+        listed([path])
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_column_with_missing_times_is_proposed_as_the_time(tmp_path):

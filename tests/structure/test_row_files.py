@@ -66,6 +66,32 @@ def test_an_area_in_another_unit_is_doubted(tmp_path, nodes):
     assert contact_rows("up", path, disc()[0]).met.doubts == ()
 
 
+def test_directions_of_another_length_are_doubted(tmp_path, nodes):
+    pad, below = nodes
+    path = tmp_path / "rows.csv"
+    path.write_text(lines(pad, below, l4=f"1,along,{pad},y,3", l5=f"1,along,{below},y,-3"))
+    [(what, remedy)] = contact_rows("up", path, disc()[0]).met.doubts
+    assert what.startswith("contacts.up: rows.csv, line 4: the along of point 1 has the length 3; displacements")
+    assert remedy == "give directions of length 1 (1 point with another one)"
+    slanted = {"l2": f"1,normal,{pad},z,0.6", "l3": f"1,normal,{below},z,-0.6\n1,normal,{pad},x,0.8"}
+    path.write_text(lines(pad, below, **slanted) + f"\n1,normal,{below},x,-0.8")
+    assert contact_rows("up", path, disc()[0]).met.doubts == ()
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_normal_that_points_out_of_the_slave_is_doubted(tmp_path, nodes, first):
+    """The pad lies on the disc; slave is the first node, and the normal points into it."""
+    slave, master = nodes if first == 0 else nodes[::-1]
+    path = tmp_path / "rows.csv"
+    inwards, outwards = ("1", "-1") if first == 0 else ("-1", "1")
+    path.write_text(lines(slave, master, l2=f"1,normal,{slave},z,{inwards}", l3=f"1,normal,{master},z,{outwards}"))
+    assert contact_rows("up", path, disc()[0]).met.doubts == ()
+    path.write_text(lines(slave, master, l2=f"1,normal,{slave},z,{outwards}", l3=f"1,normal,{master},z,{inwards}"))
+    [(what, remedy)] = contact_rows("up", path, disc()[0]).met.doubts
+    assert what.startswith("contacts.up: rows.csv, line 2: the normal of point 1 points out of its slave")
+    assert "change the signs (1 point like this)" in remedy
+
+
 BAD = [
     ({"l3": "1,normal,99999,z,-1"}, "line 3: node 99999 is not in the mesh"),
     ({"l3": "1,normal,1,z,-1"}, "line 3: the matrices have no row of 1 z"),

@@ -100,6 +100,16 @@ def test_contacts_that_share_nodes_are_doubted():
     assert "contacts.pad_up and contacts.again share 45 slave nodes" in what
 
 
+def test_a_contact_the_other_way_round_is_doubted():
+    full, mesh = disc()
+    [described, _] = contacts(None)
+    there = contact_points(described, full, mesh)
+    back = contact_points(replace(described, name="back", slave=described.master, master=described.slave), full, mesh)
+    [(what, remedy)] = plausible.doubts(replace(full, contacts=(there, back)))
+    assert "contacts.pad_up and contacts.back join the same two faces" in what
+    assert "leave one of the contacts out" in remedy
+
+
 def scaled(stiffness, mass):
     """The disc with stiffness and mass times these numbers."""
     full, _ = disc()

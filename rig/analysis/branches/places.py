@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +18,7 @@ import numpy as np
 from rig.analysis.branches.distances import distances
 from rig.analysis.cycles.return_map import (
     CLOSE,
+    CLOSEST,
     FLAT,
     Array,
     Derivative,
@@ -127,18 +129,22 @@ def place(
         t = np.asarray(np.linalg.svd(A)[2][-1])
         if forward is not None and float(t @ forward) < 0.0:
             t = -t
-    return closed_to_itself(Place(map, u, end, d, t), held)
+    closed = closed_to_itself(Place(map, u, end, d, t), held)
+    if float(np.linalg.norm(closed.u - u)) > CLOSEST:  # where the map bends, its derivative is another one
+        with suppress(*FAILURES):
+            return replace(closed, d=map.derivative(closed.u, closed.end))
+    return closed
 
 
 def closed_to_itself(at: Place, held: bool) -> Place:
-    """Return the place with its motion closed to CLOSE of its own range, which may be far below the map's scales."""
+    """Return the place with its motion closed to CLOSEST of its own range, which may be far below the map's scales."""
     map = at.map
     along = map.along(at.u)
     A = map.matrix(at.u, at.d, along)
     M = np.vstack([A, np.append(np.zeros(len(at.u) - 1), 1.0) if held else at.t])
     for _ in range(_CLOSINGS):
         misses = missed(at)
-        if misses <= CLOSE:
+        if misses <= CLOSEST:
             break
         residual = np.append(map.residual(at.u, at.end, at.u, along), 0.0)
         step, *_ = np.linalg.lstsq(M, residual, rcond=FLAT)

@@ -10,7 +10,7 @@ Folds, period doublings and torus points are zeros of functions of the derivativ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from rig.analysis.branches.places import (
     rescaled,
     stepped,
 )
-from rig.analysis.cycles.return_map import CLOSE, CLOSED_TO, Array, Derivative, NoCycle, NotSmooth, word
+from rig.analysis.cycles.return_map import CLOSE, CLOSED_TO, FLAT, Array, Derivative, NoCycle, NotSmooth, word
 from rig.analysis.linear.eigenvalue_curves import edge
 from rig.bench.free_rig import Carried, FreeRig
 from rig.stability.linearisation import steady
@@ -58,7 +58,8 @@ _PASSES = 4  # and how often the way to it is halved then
 _ASIDE = 1e-4  # of the parameter: the first step of the secant method to a Hopf point
 _UNDAMPED = 1e-9  # growth in a period at a Hopf point
 _SMALL = 0.02  # range of the slip speed over its mean: smaller cycles are those of the Hopf point
-_OF_DISTANCE = 3e-11  # error of a distance, from that of the cycle
+_BESIDE_ZERO = 1e-7  # of the size of each state: the differences of a distance
+_OF_MOTION = 10.0  # error of a motion over a period, over the tolerance of its steps. measured on 18 rigs: 0.1 to 15
 _NOISE = 1e-8  # of a multiplier
 _TOUCHES = 1e-7  # of a multiplier from 1: below it the side is not known
 _PAIR = 1e-3  # how near to the unit circle the multipliers of a torus point lie
@@ -218,7 +219,7 @@ def _along(
         segment.end = _shrinks(at, new)
         if segment.end is not None:
             return None
-        segment.specials += _between(at, new, ds, sought)
+        segment.specials += _between(segment.places, new, ds, sought)
         if runs <= (2 * _EASY if at.map.cut else _EASY):
             ds = min(ds * _GROWTH, longest * math.sqrt(len(at.map.ticks)))
         last = replace(centred, step=ds)
@@ -315,14 +316,13 @@ def _hopf(at: Place) -> float | None:
 # special points between two places with the same events
 
 
-def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[Special]:
-    """Folds, period doublings and torus points between two places, those that are `sought`."""
-    kinds = ["fold"] if len(at.u) > 2 else []
-    if at.unstable != new.unstable:
-        kinds += ["period doubling", "torus"]
+def _between(places: Sequence[Place], new: Place, ds: float, sought: Collection[str]) -> list[Special]:
+    """Folds, period doublings and torus points between the last place and a new one, those that are `sought`."""
+    at = places[-1]
+    kinds = ["period doubling", "torus"] if at.unstable != new.unstable else []
     changes = [k for k in kinds if k in sought and SPECIAL[k].of(at) * SPECIAL[k].of(new) < 0.0]
-    if "fold" in changes and not _crosses_one(at, new):
-        changes.remove("fold")
+    if "fold" in sought and len(at.u) > 2 and _folds(places, new):
+        changes.insert(0, "fold")
     noise = CLOSED_TO * at.magnified * abs(at.p)
     specials = []
     for kind in changes:
@@ -333,14 +333,25 @@ def _between(at: Place, new: Place, ds: float, sought: Collection[str]) -> list[
     return specials
 
 
-def _crosses_one(at: Place, new: Place) -> bool:
-    """Whether a multiplier may cross 1 between two places; at amplitude zero p turns as well, and two only touch it."""
-    products = []
-    for side in (at, new):
-        from_one = sorted((1.0 - m for m in side.multipliers[0]), key=abs)
-        kept = len(side.map.conserved(side.u, side.end))  # these are 1 everywhere
-        products.append(float(np.prod(from_one[kept:]).real))
-    return products[0] * products[1] < 0.0 or min(map(abs, products)) < _TOUCHES
+def _folds(places: Sequence[Place], new: Place) -> bool:
+    """Whether p turns where a multiplier crosses 1, between a new place and the last one at which its side is known.
+
+    Beside a Hopf point it only touches 1, and of a rig that is nearly linear neither its side nor that of p is known.
+    """
+    side = _beyond_one(new)
+    if not side:
+        return False
+    known = ((place, of_place) for place in reversed(places) if (of_place := _beyond_one(place)))
+    before, side_before = next(known, (new, side))
+    return side * side_before < 0 and _turn(before) * _turn(new) < 0.0
+
+
+def _beyond_one(at: Place) -> int:
+    """1 if an even number of the real multipliers of a place is above 1, else -1; 0 where that is not known."""
+    from_one = sorted((1.0 - m for m in at.multipliers[0]), key=abs)
+    kept = len(at.map.conserved(at.u, at.end))  # these are 1 everywhere
+    product = float(np.prod(from_one[kept:]).real)
+    return int(np.sign(product)) if abs(product) > _TOUCHES else 0
 
 
 def _on_circle(at: Place) -> bool:
@@ -439,9 +450,8 @@ def _nearest(segment: Segment) -> tuple[Place, str, Name | None, float, float]:
             best = _last(best)
         p = best.p
         accuracy = abs(best.p - segment.places[-3:][0].p)
-    elif best.p != ahead.p:
-        slope = abs(measure.of(ahead) - measure.of(best)) / abs(ahead.p - best.p)
-        accuracy = max(accuracy, min(_OF_DISTANCE / max(slope, _OF_DISTANCE), abs(ahead.p - best.p)))
+    else:
+        accuracy = max(accuracy, _uncertain(best, measure, abs(ahead.p - best.p)))
     return best, _BOUNDARIES[name[0]], name, p, accuracy
 
 
@@ -480,6 +490,40 @@ def zero(at: Place, width: float, back: Place, measure: Measure) -> tuple[Place,
     except FAILURES:  # the derivative is that of a place beside it
         pass
     return at, p, max(abs(p - last), CLOSED_TO * abs(p))
+
+
+def _uncertain(at: Place, measure: Measure, unknown: float) -> float:
+    """How far the parameter of the zero of a distance may be off: by what the cycle leaves of its equations, and by the
+    error of its motion, times the inverse of their derivative; `unknown` where motions beside it meet other events.
+    """
+    map = at.map
+    along = map.along(at.u)
+    value = measure.of(at)
+    gradient = np.zeros(len(at.u))
+    for i in range(len(at.u)):
+        for by in (_BESIDE_ZERO, -_BESIDE_ZERO):
+            u = at.u.copy()
+            u[i] += by
+            u = map.shifted(u, 0.0 * u)
+            try:
+                beside = replace(at, u=u, end=map.end(u))
+                if beside.end.met == at.end.met:
+                    gradient[i] = (measure.of(beside) - value) / by
+                    break
+            except (*FAILURES, KeyError):
+                continue
+        else:
+            return unknown
+    M = np.vstack([map.matrix(at.u, at.d, along), gradient])
+    of_last = np.append(np.zeros(len(at.u) - 1), 1.0)
+    shares, *_ = np.linalg.lstsq(M.T, of_last, rcond=FLAT)
+    left = np.abs(map.residual(at.u, at.end, at.u, along))
+    lengths = (
+        np.diff([*map.ticks, at.period / at.rig.step]) * at.rig.step / at.period
+    )  # of parts: their errors are less
+    of_motion = _OF_MOTION * at.rig.tolerance * np.repeat(lengths, len(along))
+    errors = np.append(left + np.append(of_motion, 0.0), of_motion.max())
+    return abs(map.P0) * float(np.linalg.norm(shares * errors))
 
 
 def of_distance(name: Name) -> Measure:

@@ -39,11 +39,13 @@ from rig.solve.records import STICK
 
 Array = NDArray[np.float64]
 STEPS = (1e-5, 1e-6, 1e-4)  # of the differences, of the size of each state: the first that is smooth counts
+_LARGER = 1e-3  # and no more than this where states are rounded to a large part of their size
+_ROUNDED = 10.0  # rounding of a state after a period, in units of its last digit. chosen
+_NOISE = 1e-9  # of a derivative, from rounding: the steps that keep it are large enough
 TIGHTER = 1e-12
 """Tolerance of motions beside a law without memory, which may be steep: derivatives there lose digits of it."""
 _STRAIGHT = 3e-3  # largest bend over the slope in a difference
 _SMALLEST = 1e-8  # and the smallest step that it takes
-_BENT = 1e-4  # above this a second difference of half the step removes the first error
 _NO_SLOPE = 1e-300  # of a difference without one
 Formula = tuple[tuple[float, float], tuple[float, float]]
 _FORMULAS: tuple[
@@ -317,6 +319,7 @@ class ReturnMap:
     ) -> Derivative:
         """Return the derivatives at u. Raises NotSmooth where displaced runs meet other events on both sides."""
         end = self.end(u) if end is None else end
+        steps = self._beyond_rounding(u, steps)
         n = len(self.size)
         parts = []
         for number, part in enumerate(end.parts or (end,)):
@@ -339,6 +342,12 @@ class ReturnMap:
             slope = self._column(u, of_parameter, end, steps)
         return Derivative(end, np.array(parts), slope, f1)
 
+    def _beyond_rounding(self, u: Array, steps: Sequence[float]) -> Sequence[float]:
+        """Steps of differences, with a larger one before them where a motion is small beside the mean of its states."""
+        rounding = np.finfo(float).eps * float(np.abs(u[:-2]).max())
+        larger = min(_ROUNDED * rounding / _NOISE, _LARGER)
+        return (larger, *steps) if larger > steps[0] else steps
+
     def _column(
         self, u: Array, direction: Array, end: Carried, steps: Sequence[float], number: int | None = None
     ) -> Array:
@@ -354,10 +363,8 @@ class ReturnMap:
                     if bend > _STRAIGHT and step > _SMALLEST:
                         left = [max(0.5 * _STRAIGHT / bend * step, _SMALLEST), *left]
                         break
-                    if bend > _BENT:  # two steps give the order 4, to one side the order 3
-                        half, _ = self._difference(u, 0.5 * by, end, formula, number)
-                        slope = (8.0 * half - slope) / 3.0
-                    return slope / step
+                    half, _ = self._difference(u, 0.5 * by, end, formula, number)
+                    return (8.0 * half - slope) / (3.0 * step)  # of the order 4, to one side of the order 3
                 except NotSmooth as error:
                     other = error.other
                 except NumericsError:
@@ -463,7 +470,7 @@ class ReturnMap:
         first: Array | None = None,
         over_p: bool = True,
         halvings: int = 0,
-        close: float = CLOSE,
+        close: float = CLOSEST,
     ) -> tuple[Array, Carried]:
         """Solve for a cycle near u; `met`: the events that every iterate has to meet.
 

@@ -39,7 +39,8 @@ BOUND = "at bound"
 MISFIT = 0.01
 """Probability below which a law does not fit."""
 _FACTOR = 10.0  # between the ends of an interval that tells nothing
-_ALIKE = 0.9  # correlation that is named; of a wide interval with an offset: both are one number
+_ALIKE = 0.9  # correlation that is named
+_ONE = 0.99  # correlation of a wide interval with an offset: both are one number. chosen
 _AT_END = 1e-6  # of a coordinate: the fit clips to the ends of the range
 _HELD = 0.4  # of the deviation that the range alone gives: a wide interval is that of the range
 _LESS = math.sqrt(0.5)  # the same of a narrow one: range and data tell as much
@@ -160,7 +161,7 @@ class LawFit:
         elif not self.told or high > _FACTOR * max(low, 0.0) or self._flat(i):
             verdict = UNKNOWN
         elif max(high - value, value - low) > WIDE * abs(value):
-            verdict = UNKNOWN if self._aliased(i) > _ALIKE else WEAK
+            verdict = UNKNOWN if self._aliased(i) > _ONE else WEAK
         else:
             verdict = IDENTIFIED
         if not self.told:

@@ -202,6 +202,7 @@ class Fit:
         damping = _DAMPING
         done = False
         flat = np.zeros(p, bool)
+        missing = np.zeros(len(z0))
         J = self.jacobian(z, left, responses, not screening)
         stalled = False
         for _ in range(rounds):
@@ -211,7 +212,8 @@ class Fit:
             missing = np.abs(self._step(H, g, 0.0, held)) / sd
             apart = float(missing.max())
             flat = missing[:p] >= _CONVERGED
-            done = not flat.any() or (stalled and bool(np.all(NORMAL * sd[:p][flat] > WIDE)))
+            reach = NORMAL * sd[:p] * np.sqrt(1.0 + missing[:p] ** 2)
+            done = not flat.any() or (stalled and bool(np.all(reach[flat] > np.log1p(WIDE))))
             if apart < _SETTLED or stalled:
                 break
             moved = False
@@ -247,6 +249,9 @@ class Fit:
             if small:
                 break
         C = np.zeros((0, 0)) if screening else sandwich(left, J, self.prior, self.known)
+        if stalled and done and not screening:  # least squares may lie as far away as the step that gained nothing
+            wider = np.sqrt(1.0 + np.where(missing >= _CONVERGED, missing, 0.0) ** 2)
+            C = C * np.outer(wider, wider)
         return Solution(z, cost, left, J, self.prior, responses, done, tuple(flat.tolist()), C)
 
     def _equations(self, z: Reals, left: Sequence[Reals], J: Sequence[Reals]) -> tuple[Reals, Reals, Reals]:

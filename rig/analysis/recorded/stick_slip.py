@@ -53,6 +53,7 @@ _GAP = 1e-9  # of the objective: duality gap at which the smoothing ends
 _ROUNDS = 80  # of the smoothing, at most
 _BINS = 12  # of the slip speed, at most
 _FEWEST = 20  # samples in a bin
+_REACHES = 5.0  # times the noise: what one of 3 million samples at rest exceeds. chosen
 _TURN = 6.0  # times the noise: what a turn of the speed exceeds
 
 
@@ -121,6 +122,8 @@ class StickSlip(Result):
     """Unit of `force`."""
     spring: bool = False
     """Whether the slip speed follows from the force of a spring."""
+    noise: float = 0.0
+    """Standard deviation of the noise of the slip speed at rest, in `speed_unit`."""
 
     def median(self, name: str) -> tuple[float, float, float]:
         """Median and quartiles of a value of the slips; NaN without any."""
@@ -136,6 +139,15 @@ class StickSlip(Result):
         share = f"{100.0 * self.share:.3g} % of the time"
         size = f"{self.threshold:.4g} {self.speed_unit}"
         yield f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"
+        if _REACHES * self.noise > _EVENT * self.threshold:
+            noise, counts, enough = (
+                f"{speed:.2g} {self.speed_unit}"
+                for speed in (self.noise, _EVENT * self.threshold, 1.2 * _REACHES * self.noise / _EVENT)
+            )
+            yield (
+                f"  some of the slips may be noise: at rest the speed scatters by {noise} (standard deviation), and a "
+                f"slip counts from {counts} on; take a threshold above {enough}, or smooth"
+            )
         kinds = [
             ("stick time", "stick", "s"),
             ("motion time", "motion", "s"),
@@ -174,7 +186,7 @@ class StickSlip(Result):
         slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
         counts = ("spikes", "held", "bridged", "missing", "cut", "joined")
         fields = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
-        return fields | {name: getattr(self, name) for name in counts}
+        return fields | {name: getattr(self, name) for name in (*counts, "noise")}
 
     def listed(self) -> Table:
         """Return the slips."""
@@ -312,6 +324,7 @@ def stick_slip(
         F,
         channel_unit,
         not velocity,
+        _noise_at_rest(slip, motion.size),
     )
 
 
@@ -514,6 +527,13 @@ def _ways(v: Reals) -> NDArray[np.int8]:
 def _noise(x: Reals) -> float:
     """The standard deviation of the noise of samples, from their second differences."""
     return 1.4826 * float(np.median(np.abs(np.diff(x, 2)))) / math.sqrt(6.0) if x.size > 2 else 0.0
+
+
+def _noise_at_rest(slip: Reals, size: float) -> float:
+    """The same of the samples of a slip speed that belong to no slip."""
+    at_rest = slip < _EVENT * size
+    bends = np.abs(np.diff(slip, 2))[at_rest[:-2] & at_rest[1:-1] & at_rest[2:]]
+    return 1.4826 * float(np.median(bends)) / math.sqrt(6.0) if bends.size else 0.0
 
 
 def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve]:

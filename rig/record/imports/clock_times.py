@@ -52,6 +52,11 @@ def is_date(text: str) -> bool:
     return _WHOLE_DATE.fullmatch(text) is not None
 
 
+def has_date(text: str) -> bool:
+    """Whether a time of day has a date."""
+    return _WHOLE_DATE.match(text) is not None
+
+
 def order(texts: Iterable[str]) -> str:
     """The order of day and month in the dates with slashes of one column: DAY_FIRST, MONTH_FIRST or OPEN."""
     for text in texts:

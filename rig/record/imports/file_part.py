@@ -20,6 +20,7 @@ from rig.record.run_data import Integers, Reals
 
 _TOLD = 20  # faults of a file that are listed; of more their number
 _LOST = re.compile("there is no (value|time)$|the value is infinite$")
+_OVERLOADS = (9.9e37, 9.91e37)  # infinity and NaN of instruments with commands of SCPI
 FARTHEST = 9e9
 """Times in ns reach no farther [s]."""
 
@@ -87,6 +88,7 @@ class Part:
                 faults.infinite(np.isinf(scaled) & np.isfinite(v), rows, channel)
                 done[channel.name] = t + self.shift, scaled
             row += size
+            base.midnights = self.file.midnights(self.time) if self.time else 0
             if not faults.count:
                 yield done
         (self._faults_of_rows() if faults.count and self.file.rows else faults).raised()
@@ -138,6 +140,7 @@ class Part:
             for name in names:
                 column = self.file.column(name)
                 v = block[name]
+                v = np.where(np.isin(np.abs(v), _OVERLOADS), np.inf, v)
                 if self.time and not column.rate:
                     t = block[self.time] * self.scale
                     if t.size != v.size:

@@ -25,6 +25,7 @@ from rig.quantities import finite
 from rig.record.imports.channel_map import Channel, ChannelMap, proposed, stated_fault
 from rig.record.imports.common_time import join_parts
 from rig.record.imports.file_part import FARTHEST, Part
+from rig.record.imports.instrument_units import is_time, meaning
 from rig.record.imports.measurement_file import MeasurementFile, opened
 from rig.record.imports.time_base import TimeBase
 from rig.record.provenance import package_version
@@ -132,6 +133,8 @@ def listed(paths: Sequence[Path]) -> Listed:
         count = dict.fromkeys(names, 0)
         last = dict.fromkeys(names, -np.inf)
         rising = set(names)
+        in_time = {column.name: column.unit for column in file.columns if is_time(column.unit)}
+        seconds = {name: meaning(in_time[name], "s").factor if name in in_time else 1.0 for name in names}
         times: dict[str, TimeBase] = {name: TimeBase(file.path.name) for name in names}
         for block in file.blocks(names):
             for name, v in block.items():
@@ -143,7 +146,7 @@ def listed(paths: Sequence[Path]) -> Listed:
                 high[name] = max(high[name], known.max(initial=-np.inf))
                 if name in rising and known.size and known[0] > last[name] and np.all(known[1:] > known[:-1]):
                     with np.errstate(over="ignore"):  # a column that rises may be no time
-                        times[name].add(known)
+                        times[name].add(known * seconds[name])
                     last[name] = known[-1]
                 elif known.size:
                     rising.discard(name)
@@ -153,8 +156,10 @@ def listed(paths: Sequence[Path]) -> Listed:
             rows.append((file.path.name, name, column.unit, *ends, count[name], column.rate))
         left_out += [(file.path.name, name, why) for name, why in file.left_out.items()]
         proposal = proposed(file, [name for name in names if name in rising and times[name].samples > 1])
-        time = proposal.time.partition(",")[0]
-        bases += [times[time]] if time else []
+        time, _ = proposal.time_and_unit(file.columns)
+        if time in in_time:
+            times[time].midnights = file.midnights(time)
+            bases.append(times[time])
         together = ChannelMap(
             {**together.channels, **proposal.channels}, together.time or proposal.time, together.rate or proposal.rate
         )

@@ -58,6 +58,8 @@ _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
     "N": (1.0, {"kg": 1, "m": 1, "s": -2}, "umcdkM"),
     "Nm": (1.0, {"kg": 1, "m": 2, "s": -2}, "mckM"),
     "Ncm": (1e-2, {"kg": 1, "m": 2, "s": -2}, ""),
+    "Ns": (1.0, {"kg": 1, "m": 1, "s": -1}, "m"),
+    "Nms": (1.0, {"kg": 1, "m": 2, "s": -1}, ""),
     "Nmm": (1e-3, {"kg": 1, "m": 2, "s": -2}, ""),
     "daN": (10.0, {"kg": 1, "m": 1, "s": -2}, ""),
     "kp": (_GRAVITY, {"kg": 1, "m": 1, "s": -2}, ""),
@@ -77,6 +79,7 @@ _SYMBOLS: dict[str, tuple[float, dict[str, int], str]] = {
     "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}, "numk"),
     "A": (1.0, {"A": 1}, "pnumk"),
     "ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}, "mkM"),
+    "Ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}, "mkM"),
     "coulomb": (1.0, {"A": 1, "s": 1}, ""),
     "farad": (1.0, {"kg": -1, "m": -2, "s": 4, "A": 2}, ""),
     "siemens": (1.0, {"kg": -1, "m": -2, "s": 3, "A": 2}, ""),
@@ -130,11 +133,12 @@ _WORDS = {
     **dict.fromkeys(("degree", "degrees", "degs"), "deg"),
     **dict.fromkeys(("radian", "radians"), "rad"),
     **dict.fromkeys(("turn", "turns", "revolution", "revolutions", "umdrehungen"), "rev"),
-    **dict.fromkeys(("counts", "cnts", "digits", "lsb"), "count"),
+    **dict.fromkeys(("counts", "cnts", "digit", "digits", "lsb"), "count"),
     **dict.fromkeys(("bits",), "bit"),
     **dict.fromkeys(("grams", "gramm"), "gram"),
     **dict.fromkeys(("kilogram", "kilograms"), "kg"),
     **dict.fromkeys(("tesla",), "T"),
+    **dict.fromkeys(("gauss",), "gauss"),
     **dict.fromkeys(("litre", "liter", "litres", "liters"), "l"),
     **dict.fromkeys(("torr",), "Torr"),
 }
@@ -146,6 +150,7 @@ _WHOLE = {
     **dict.fromkeys(("ppm", "ustrain", "microstrain", "µstrain", "ue", "uε", "um/m", "uv/v"), "ppm"),
     **dict.fromkeys(("u/min", "1/min", "min-1", "min^-1", "/min", "1/minute", "r/min", "rev/min", "upm"), "rpm"),
     **dict.fromkeys(("umin-1", "u min-1", "umdr/min", "umdr./min", "rpm", "r.p.m."), "rpm"),
+    **dict.fromkeys(("tr/min", "tours/min", "giri/min", "obr/min"), "rpm"),
     **dict.fromkeys(("u/s", "rps", "r/s"), "rev/s"),
     **dict.fromkeys(("ft-lb", "ft-lbs", "ft lb", "ft*lb", "lb-ft", "lb ft", "lb*ft", "ft-lbf", "lbf-ft"), "lbf*ft"),
     **dict.fromkeys(("in-lb", "in-lbs", "in lb", "in*lb", "lb-in", "lb in", "lb*in", "in-lbf", "lbf-in"), "lbf*in"),
@@ -158,8 +163,10 @@ _WHOLE = {
     **dict.fromkeys(("deg", "degree", "degrees"), "deg"),
     **dict.fromkeys(("deg c", "deg. c", "degree c", "degrees c", "grad c", "grad celsius", "deg celsius"), "degC"),
     **dict.fromkeys(("deg f", "deg. f", "degree f", "degrees f", "deg fahrenheit"), "degF"),
-    **dict.fromkeys(("ms-2", "m s-2"), "m/s^2"),
-    **dict.fromkeys(("ms-1",), "m/s"),
+    **dict.fromkeys(("ms-2", "ms^-2", "m s-2"), "m/s^2"),
+    **dict.fromkeys(("mms-1", "mms^-1"), "mm/s"),
+    **dict.fromkeys(("mms-2", "mms^-2"), "mm/s^2"),
+    **dict.fromkeys(("kgm^2", "kgm2"), "kg*m^2"),
     **dict.fromkeys(("gn", "g0", "gee"), "g_n"),
 }
 _RATIOS = {"1": 1.0, "%": 1e-2, "‰": 1e-3, "ppm": 1e-6}
@@ -179,6 +186,11 @@ _AMBIGUOUS: dict[str, tuple[tuple[str, str], ...]] = {
     "lb": (("lbf", "pound-force, 4.448 N"), ("pound", "0.4536 kg")),
     "lbs": (("lbf", "pound-force, 4.448 N"), ("pound", "0.4536 kg")),
     "oz": (("ozf", "ounce-force, 0.278 N"), ("ounce", "0.02835 kg")),
+    **dict.fromkeys(("ms-1", "ms^-1"), (("m/s", "metre per second"), ("kHz", "1/ms, a thousand times per second"))),
+    **dict.fromkeys(
+        ("kg/cm2", "kg/cm^2"),
+        (("kgf/cm^2", "a pressure, 98066.5 Pa"), ("kilogram/cm^2", "a mass per area, 10000 kg/m^2")),
+    ),
     "fps": (("ft/s", "feet per second"), ("Hz", "frames per second")),
 }
 _BENCH = (
@@ -208,8 +220,18 @@ _SPELT = {"F": "farad", "C": "coulomb", "S": "siemens"}
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 _RAISED = re.compile("[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _SAME = str.maketrans(
-    {"µ": "u", "μ": "u", "·": "*", "⋅": "*", "∙": "*", "×": "*", "\u03a9": "ohm", "\u2126": "ohm", "−": "-"}
+    {
+        **dict.fromkeys("µμ", "u"),
+        **dict.fromkeys("·⋅∙×", "*"),
+        **dict.fromkeys("\u03a9\u2126", "ohm"),
+        **dict.fromkeys("−–—", "-"),
+        **dict.fromkeys("∕⁄", "/"),
+        "℃": "degC",
+        "℉": "degF",
+    }
 )
+_BRACKETED = re.compile(r"\[([^\[\]]+)\]|<([^<>]+)>|\{([^{}]+)\}|\"([^\"]+)\"|'([^']+)'")
+_PER = re.compile(r"(?<=[A-Za-z]) per (?=[A-Za-z])")
 _DEGREES = re.compile(r"[°º]\s*([CFKcf]?)(?![A-Za-z])")
 _TOKEN = re.compile(r"\s*(?:(?P<symbol>[A-Za-z_]+|1(?=\s*/))(?:\^?(?P<power>[-+]?\d)(?![\d.]))?|(?P<mark>[*/()]))\s*")
 _PRODUCT = re.compile(r"(?<=[A-Za-z0-9])[.-](?=[A-Za-z])")  # N.m, N-m
@@ -274,16 +296,21 @@ def is_time(text: str) -> bool:
 
 
 def _plain(text: str) -> str:
-    """A unit in the characters that the tables have."""
-    text = _RAISED.sub(lambda match: f"^{match[0].translate(_SUPERSCRIPTS)}", text.strip())
+    """A unit in the characters that the tables have, without brackets or quotes around it."""
+    text = text.strip()
+    if match := _BRACKETED.fullmatch(text):
+        text = match[match.lastindex or 0].strip()
+    text = _RAISED.sub(lambda match: f"^{match[0].translate(_SUPERSCRIPTS)}", text)
     text = text.replace("**", "^").translate(_SAME)
     text = _DEGREES.sub(lambda match: f"deg{match[1].upper()}", text)
-    return " ".join(text.split())
+    return _PER.sub("/", " ".join(text.split()))
 
 
 def _ways(written: str) -> tuple[tuple[str, str], ...]:
-    """Both ways to write a unit of which one symbol has two meanings; none for others."""
-    if written.lower() in _WHOLE and written not in _AMBIGUOUS:
+    """Both ways to write a unit of which one symbol, or the whole, has two meanings; none for others."""
+    if written in _AMBIGUOUS:
+        return _AMBIGUOUS[written]
+    if written.lower() in _WHOLE:
         return ()
     for symbol in re.findall(r"[A-Za-z_]+", written):
         if symbol in _AMBIGUOUS:

@@ -7,6 +7,8 @@ A unit or a rate is only what the file states: nothing is guessed.
 from __future__ import annotations
 
 import io
+import json
+import logging
 import re
 import struct
 import warnings
@@ -24,6 +26,7 @@ from rig.errors import UsageError
 from rig.extras import needed
 from rig.machine import files
 from rig.printable import counted, distinct
+from rig.record.imports.instrument_units import is_time, meaning
 from rig.record.imports.text_table import TextTable
 from rig.record.run_data import Reals
 
@@ -34,10 +37,12 @@ Block = Mapping[str, Reals]
 _OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
 """Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
 
-_BRACKETS = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
+_BRACKETS = re.compile(r"(?P<name>.*?)(?:\s+/)?\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
 _WORDS = "it has words, no numbers"
 _NO_FACTOR = "its scale_factor is 0, which leaves nothing of it"
+_UNIT_KEYS = ("units", "unit", "unit_string", "unit_label", "ni_unitdescription", "einheit")
+"""Attributes that state a unit, in small letters."""
 _PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
 
 
@@ -72,6 +77,8 @@ class MeasurementFile:
     """Row by row what can be read of a text whose `blocks` raise."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Columns that are not read -> why."""
+    midnights: Callable[[str], int] = lambda _: 0
+    """How often the times of day of a column without dates passed midnight in what was read last."""
 
     @cached_property
     def _by_name(self) -> dict[str, Column]:
@@ -135,7 +142,7 @@ def _guarded(
 
 
 def name_and_unit(label: str) -> tuple[str, str]:
-    """Name and unit of a label, "velocity [mm/s]" or "velocity (mm/s)"; the unit is "" without brackets."""
+    """Name and unit of a label, "velocity [mm/s]" or "velocity / (mm/s)"; the unit is "" without brackets."""
     match = _BRACKETS.fullmatch(label.strip())
     if match is None or not match["name"]:
         return label.strip(), ""
@@ -162,6 +169,7 @@ def _text(path: Path) -> MeasurementFile:
         table.skip + 1,
         partial(table.rows, names),
         left_out,
+        lambda name: table.midnights.get(names.index(name), 0),
     )
 
 
@@ -228,6 +236,7 @@ def _parquet(path: Path) -> MeasurementFile:
 
     with parquet.ParquetFile(path) as file:
         fields = list(file.schema_arrow)
+        of_table = _units_of_table(file.schema_arrow.metadata or {})
         length = file.metadata.num_rows
     if not length:
         raise UsageError(f"{path}: its table has no rows")
@@ -239,10 +248,11 @@ def _parquet(path: Path) -> MeasurementFile:
         if not any(fits(about.type) for fits in numbers):
             left_out[about.name] = f"it has the type {about.type}"
             continue
-        stated = {key.decode(): value.decode() for key, value in (about.metadata or {}).items()}
+        of_field = {key.decode(): value.decode(errors="replace") for key, value in (about.metadata or {}).items()}
         name, unit = name_and_unit(about.name)
         name = distinct((*labels, name), "{} ({})")[-1] if name in labels else name
-        unit = unit or stated.get("unit", stated.get("units", "")) or ("s" if types.is_temporal(about.type) else "")
+        unit = unit or _stated_unit(of_field) or of_table.get(about.name, "")
+        unit = "s" if types.is_temporal(about.type) else unit
         columns.append(Column(name, unit, length=length))
         labels[name] = about.name
 
@@ -253,6 +263,25 @@ def _parquet(path: Path) -> MeasurementFile:
                 yield {name: _seconds(batch[labels[name]], begins, name) for name in names}
 
     return MeasurementFile(path, tuple(columns), blocks, left_out=left_out)
+
+
+def _units_of_table(about: Mapping[bytes, bytes]) -> dict[str, str]:
+    """Column -> unit, as the metadata of a whole table have it in JSON: {"units": {"v": "m/s"}}."""
+    for key, text in about.items():
+        if key.decode(errors="replace").lower() in _UNIT_KEYS:
+            try:
+                stated = json.loads(text)
+            except ValueError:
+                continue
+            if isinstance(stated, dict):
+                return {name: unit for name, unit in stated.items() if isinstance(unit, str)}
+    return {}
+
+
+def _stated_unit(about: Mapping[str, Any]) -> str:
+    """The unit that attributes state, however their name is written; "" if none does."""
+    by_key = {key.lower(): _word(value) for key, value in about.items() if key.lower() in _UNIT_KEYS}
+    return next(filter(None, (by_key.get(key, "") for key in _UNIT_KEYS)), "")
 
 
 def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
@@ -333,8 +362,7 @@ def _of_item(arrays: _Arrays, item: Any, label: str, within: tuple[Any, ...] = (
     if item.external or item.is_virtual:
         arrays.leave_out(label, "its values lie in another file (external storage); import that one")
         return
-    stated = (_word(item.attrs.get(key)) for key in ("units", "unit", "Units", "Unit"))
-    unit = _without_epoch(next(filter(None, stated), ""))
+    unit = _without_epoch(_stated_unit(item.attrs))
     if "MATLAB_empty" in item.attrs:
         arrays.leave_out(label, "it is empty")
     elif _word(item.attrs.get("MATLAB_class", "")) == "char":
@@ -452,15 +480,23 @@ def _uff(path: Path) -> MeasurementFile:
         if int(data.get("abscissa_spec_data_type", 17)) not in (0, 17):
             arrays.leave_out(name, "its abscissa is not time")
             continue
-        start = float(data.get("abscissa_min", 0.0))
+        of_time = str(data.get("abscissa_axis_units_lab", "")).strip()
+        of_time = "s" if of_time in ("", "NONE") else of_time
+        if step and not is_time(of_time):
+            arrays.leave_out(name, f"its abscissa is in {of_time!r:.20}, which is no unit of time")
+            continue
+        second = meaning(of_time, "s").factor if step else 1.0
+        step *= second
+        start = float(data.get("abscissa_min", 0.0)) * second
         if not step:
-            arrays.add(f"{name} time", data["x"], "s")
+            arrays.add(f"{name} time", data["x"], of_time)
         arrays.add(name, data["data"], "" if unit == "NONE" else unit, 1.0 / step if step else 0.0, start)
     return arrays.file()
 
 
 def _tdms(path: Path) -> MeasurementFile:
     nptdms = needed("nptdms", "measurements")
+    logging.getLogger("nptdms").setLevel(logging.CRITICAL)  # its warnings become the fault of the file
     arrays = _Arrays(path)
     began = None
     with nptdms.TdmsFile.open(path) as file:
@@ -471,7 +507,7 @@ def _tdms(path: Path) -> MeasurementFile:
                 about = channel.properties
                 step = float(about.get("wf_increment", 0.0))
                 start = float(about.get("wf_start_offset", 0.0))
-                unit = str(about.get("unit_string", about.get("NI_UnitDescription", "")))
+                unit = _stated_unit(about)
                 stamp = about.get("wf_start_time")
                 if step and stamp is not None:
                     stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))

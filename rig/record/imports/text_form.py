@@ -42,6 +42,7 @@ _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 _UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ²³⁻¹\"\w^/*·. ]{1,16}|")
 _NAMES = ("t", "T", "F", "d", "h", "l", "L", "H", "1")  # of quantities and channels more often than of units
 _IN_BRACKETS = re.compile(r".*\S\s*[\[(]([^\])]*)[\])]\s*")
+_BEFORE_BRACKET = re.compile(r"\s+(?=[\[(])")
 
 
 def is_number(cell: str, mark: str) -> bool:
@@ -69,9 +70,11 @@ def has_groups(block: bytes, mark: str, separator: str) -> bool:
     """Whether the digits of a number are grouped somewhere in a part of a file."""
     if mark == separator:
         return False
-    groups = "".join(sign for sign in _GROUPS[mark][:2] if sign != separator)
-    found = any(sign in block for sign in groups.encode()) and re.search(
-        rf"\d[{groups}]\d{{3}}(?:{re.escape(mark)}\d|[{groups}]\d{{3}})".encode(), block
+    kept = [sign for sign in _GROUPS[mark] if sign != separator]
+    signs = [code for sign in kept for code in (sign.encode(), sign.encode("latin-1", "ignore")) if code]
+    groups = b"(?:" + b"|".join(map(re.escape, signs)) + b")"
+    found = any(sign in block for sign in signs) and re.search(
+        rb"\d" + groups + rb"\d{3}(?:" + re.escape(mark).encode() + rb"\d|" + groups + rb"\d{3})", block
     )
     if found or separator != "," or b'"' not in block:
         return bool(found)
@@ -155,15 +158,17 @@ class Form:
         """Labels, units, which columns are times of day, and why columns are not read ("" for those that are)."""
         headings = self._headings(lines)
         units = [""] * self.width
-        labels = next(
-            (cells for cells in headings if _have_units(cells)), headings[0] if headings else [""] * self.width
-        )
+        fullest = max(headings[:_UNITS_ABOVE], key=_filled, default=[""] * self.width)
+        labels = next((cells for cells in headings if _have_units(cells)), fullest)
         if not _have_units(labels):
             for named, stated in zip(headings[1:_UNITS_ABOVE], headings, strict=False):
-                if _are_units(stated) and sum(map(bool, named)) >= max(sum(map(bool, stated)), self.width - self.ended):
+                if _are_units(stated) and _filled(named) >= max(_filled(stated), self.width - self.ended):
                     units = [cell.strip("[]() ") for cell in stated]
                     labels = named
                     break
+        if all(cell[:1] in ("", "[", "(") for cell in labels) and _are_units(labels):  # units alone
+            units = [cell.strip("[]() ") for cell in labels]
+            labels = [""] * self.width
         columns = self._columns(lines)
         stamped = tuple(any(map(clock_times.is_time, column)) for column in columns)
         left_out = tuple(self._left_out(label, column) for label, column in zip(labels, columns, strict=True))
@@ -181,8 +186,14 @@ class Form:
         return self.rows, self.headed, self.fitting, self.width
 
     def heading(self, line: str) -> list[str] | None:
-        """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading."""
-        cells = self._cells(line.lstrip("#%! "))
+        """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading.
+
+        Numbers with a decimal mark, such as the increment of an oscilloscope, are no names.
+        """
+        line = line.lstrip("#%! ")
+        cells = self._cells(line)
+        if self.separator == " " and len(cells) > self.width:  # t [s] v [m/s]
+            cells = self._cells(_BEFORE_BRACKET.sub("", line))
         if len(cells) == self.width + 1 and cells[-1] in ("", "Comment"):  # of LabVIEW: rows may lack the last cell
             cells.pop()
         if len(cells) == self.width - 1 and self.ended:
@@ -190,11 +201,14 @@ class Form:
         if self.beside and len(cells) > self.width:
             cells = cells[: self.width]
         first = next(filter(None, cells), "")
-        return cells if len(cells) == self.width and first and not self._is_value(first) else None
+        if len(cells) != self.width or not first or self._is_value(first):
+            return None
+        return ["" if self._is_value(cell) and not cell.isdigit() else cell for cell in cells]
 
     def _headings(self, lines: Sequence[str]) -> list[list[str]]:
         """The cells of the lines above the rows that may have names or units, from the rows upwards."""
-        above = [line for line in lines[max(self.skip - _HEADINGS, 0) : self.skip] if line.strip()]
+        blank = f"{self.separator} "
+        above = [line for line in lines[max(self.skip - _HEADINGS, 0) : self.skip] if line.strip(blank)]
         headings = list[list[str]]()
         for line in reversed(above):
             cells = self.heading(line)
@@ -242,6 +256,9 @@ class Form:
             return ""
         if not stated:
             return "it has no values"
+        other = "." if self.mark == "," else ","
+        if all(is_number(cell, other) for cell in stated):
+            return f"its decimal mark is {other!r}, that of other columns {self.mark!r}, such as in {stated[0]!r:.40}"
         if all(map(clock_times.is_date, stated)):
             return "it has dates without a time of day"
         return f"it has words, no numbers, such as {next(cell for cell in stated if not self._is_value(cell))!r:.40}"
@@ -260,7 +277,8 @@ class Form:
         """Begin below an earlier header, if most lines from there on are rows: the other ones are faults."""
         for i in range(1, self.skip):
             rows = widths[i : self.skip]
-            headed = widths[i - 1] < 0 and len(self._cells(lines[i - 1])) == self.width
+            above = next((line for line in reversed(lines[:i]) if line.strip()), "")
+            headed = widths[i - 1] < 0 and len(self._cells(above)) == self.width
             if headed and rows[0] == self.width and 2 * rows.count(self.width) >= len(rows):
                 self.skip = i
                 self.rows += rows.count(self.width)
@@ -298,6 +316,11 @@ class Form:
     def _is_faulty(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has as many cells as the others, and a value in the first column that is `filled`."""
         return len(cells) == self.width and True in filled and self._is_value(cells[filled.index(True)])
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """How many cells are not empty."""
+    return sum(map(bool, cells))
 
 
 def _belongs(cell: str) -> bool:

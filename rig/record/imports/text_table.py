@@ -10,7 +10,7 @@ import io
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -34,6 +34,7 @@ _MOST = 20
 """Number of faults that are told; further ones are counted."""
 _BLANK_VALUES = [blanks * " " + text + end for text in NO_VALUE for blanks in range(32) for end in ("", " ")]
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?")
+_BACK = clock_times.DAY_NS // 2  # a time of day that falls by more is that of the next day. chosen
 _ZEROS = 0.2  # share of bytes that are 0, every second one, in UTF-16 without a mark. chosen
 
 
@@ -60,6 +61,10 @@ class TextTable:
     """Digits are grouped somewhere: 1.234,5."""
     about: TextHeader
     """Units, rate and begin that the lines above the table state."""
+    day: int | None = None
+    """The column with the dates of times of day that have none."""
+    midnights: dict[int, int] = field(default_factory=dict)
+    """Column of times of day without a date -> how often they passed midnight in what was read last."""
 
     @property
     def skip(self) -> int:
@@ -101,10 +106,18 @@ class TextTable:
             )
         labels, units, stamped, left_out = form.described(lines)
         rows = [form.cells(line, i) for i, line in enumerate(lines[form.skip :])]
-        cells = [cell for row in rows for cell, stamp in zip(row, stamped, strict=False) if stamp]
+        day = _day_column(rows, stamped)
+        cells = [_dated(row, i, day) for row in rows for i, stamp in enumerate(stamped[: len(row)]) if stamp]
         of_dates = clock_times.order(cells)
         stamps = [cell for cell in cells if clock_times.is_valid(cell, of_dates)]
         about = text_headers.read(lines[: form.skip], form.separator, labels)
+        if about.labels:
+            labels = tuple(label or f"column {i}" for i, label in enumerate(about.labels, 1))
+            units = tuple("s" if stamp else "" for stamp in stamped)
+        if day is not None:
+            of_clock = ", ".join(label for label, stamp in zip(labels, stamped, strict=True) if stamp)
+            told = f"it has dates without a time of day, which those of {of_clock} get"
+            left_out = (*left_out[:day], told, *left_out[day + 1 :])
         return cls(
             path,
             encoding,
@@ -115,9 +128,10 @@ class TextTable:
             left_out,
             stamps[0] if stamps else "",
             of_dates,
-            all(map(_ISO.fullmatch, stamps)),
+            day is None and all(map(_ISO.fullmatch, stamps)),
             _is_grouped(path, form, encoding),
             about,
+            day,
         )
 
     def blocks(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[Mapping[str, Reals]]:
@@ -131,7 +145,12 @@ class TextTable:
         of_times = pa.timestamp("ns") if self.iso else pa.string()
         of_numbers = pa.string() if self.grouped else pa.float64()
         kinds = {name: of_times if stamped else of_numbers for name, stamped in zip(names, self.stamped, strict=True)}
-        times = {name for name, stamped in zip(names, self.stamped, strict=True) if stamped}
+        places = {name: i for i, name in enumerate(names) if self.stamped[i]}
+        dates = names[self.day] if self.day is not None and places.keys() & set(wanted) else ""
+        read = list(dict.fromkeys([*wanted, *filter(None, [dates])]))
+        if dates:
+            kinds[dates] = pa.string()
+        clocks = {name: _Clock(self, places[name]) for name in wanted if name in places}
         ragged = list[Any]()
 
         def refuse(row: Any) -> str:
@@ -153,8 +172,8 @@ class TextTable:
                     ),
                     csv.ParseOptions(delimiter=form.separator, invalid_row_handler=refuse),
                     csv.ConvertOptions(
-                        column_types={name: kinds[name] for name in wanted},
-                        include_columns=list(wanted),
+                        column_types={name: kinds[name] for name in read},
+                        include_columns=read,
                         decimal_point=form.mark,
                         null_values=_BLANK_VALUES,
                         check_utf8=False,
@@ -163,8 +182,9 @@ class TextTable:
                     for batch in reader:
                         if ragged:
                             break
-                        columns = zip(wanted, batch.columns, strict=True)  # by name it takes the square of their number
-                        yield {name: self._values(column, name in times) for name, column in columns}
+                        columns = dict(zip(read, batch.columns, strict=True))  # by name: the square of their number
+                        days = columns[dates].to_pylist() if dates else None
+                        yield {name: self._values(columns[name], clocks.get(name), days) for name in wanted}
             except pa.ArrowInvalid as fault:
                 why = " ".join(str(fault).split())  # of a cell in quotes that do not end, many lines
                 raise UsageError(self._faults(names, wanted) or f"{self.path}: {why:.200}") from None
@@ -173,25 +193,19 @@ class TextTable:
                 self._faults(names, wanted) or f"{self.path}: row {ragged[0].number}: {ragged[0].text!r:.60}"
             )
 
-    def _values(self, column: Any, of_times: bool) -> Reals:
+    def _values(self, column: Any, clock: _Clock | None, days: Sequence[str | None] | None) -> Reals:
         from pyarrow import int64, types
 
+        if types.is_string(column.type) and clock is not None:
+            texts = column.to_pylist()
+            dated = map(_with_date, texts, days) if days is not None else texts
+            return np.array([clock.seconds(text) for text in dated], np.float64)
         if types.is_string(column.type):
-            read = self._seconds if of_times else self._number
-            return np.array([read(text) for text in column.to_pylist()], np.float64)
+            return np.array([self._number(text) for text in column.to_pylist()], np.float64)
         if types.is_timestamp(column.type):
             ns = column.cast(int64()).to_numpy(zero_copy_only=False)
             return np.asarray((ns - self.first_ns) * 1e-9, np.float64)
         return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
-
-    def _seconds(self, text: str | None) -> float:
-        """A time of day as seconds since the first one; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
-        cell = (text or "").strip()
-        if cell in NO_VALUE:
-            return math.nan
-        if fault := self._time_fault(cell):
-            raise _invalid(fault)
-        return (clock_times.nanoseconds(cell, self.of_dates) - self.first_ns) * 1e-9
 
     def _number(self, text: str | None) -> float:
         """A number whose digits may be grouped; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
@@ -202,10 +216,12 @@ class TextTable:
             raise _invalid(cell)
         return number(cell, self.form.mark)
 
-    def _time_fault(self, cell: str) -> str:
+    def time_fault(self, cell: str) -> str:
         """Why a cell is no time that can be placed among the others, in words; "" if it is one."""
         if not clock_times.is_time(cell):
             return f"{cell!r:.40} is not a time"
+        if self.day is not None and not clock_times.has_date(cell):
+            return f"{cell!r:.40} has no date beside it"
         first = clock_times.has_open_date(self.first)
         if self.of_dates == clock_times.OPEN and clock_times.has_open_date(cell) != first:
             return (
@@ -220,6 +236,12 @@ class TextTable:
         count = 0
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
+                if text_headers.begins_segment(line):
+                    told.append(
+                        f"{self.path}: row {place}: another segment of LabVIEW begins here, and a recording has one "
+                        "table; save each segment as a file of its own, with the lines above its rows"
+                    )
+                    break
                 for fault in self._of_row(line, place, names, wanted):
                     count += 1
                     if count <= _MOST:
@@ -228,19 +250,23 @@ class TextTable:
 
     def rows(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
+        clocks = [_Clock(self, i) if stamped else None for i, stamped in enumerate(self.stamped)]
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
+                if text_headers.begins_segment(line):
+                    return
                 cells = self.form.cells(line, place - self.skip - 1)
                 values = dict[str, float]()
-                for name, cell, stamped in zip(names, cells, self.stamped) if len(cells) == len(names) else ():
+                for i, name in enumerate(names) if len(cells) == len(names) else ():
+                    clock = clocks[i]
                     if name not in wanted:
                         continue
-                    if cell in NO_VALUE:
+                    if cells[i] in NO_VALUE:
                         values[name] = math.nan
-                    elif stamped and not self._time_fault(cell):
-                        values[name] = self._seconds(cell)
-                    elif not stamped and is_number(cell, self.form.mark):
-                        values[name] = number(cell, self.form.mark)
+                    elif clock is not None and not self.time_fault(dated := _dated(cells, i, self.day)):
+                        values[name] = clock.seconds(dated)
+                    elif clock is None and is_number(cells[i], self.form.mark):
+                        values[name] = number(cells[i], self.form.mark)
                 if values:
                     yield place, values
 
@@ -254,11 +280,11 @@ class TextTable:
             hint = f"; with {other!r} in place of {self.form.separator!r} it would be right" if other else ""
             yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
-        for name, cell, stamped in zip(names, cells, self.stamped, strict=True):
+        for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
             if name not in wanted or cell in NO_VALUE:
                 continue
-            if stamped:
-                fault = self._time_fault(cell)
+            if self.stamped[i]:
+                fault = self.time_fault(_dated(cells, i, self.day))
                 if fault:
                     yield f"column {name}: {fault}"
             elif not is_number(cell, self.form.mark):
@@ -273,6 +299,57 @@ class TextTable:
                 if len(cells) == width and all(is_number(cell, self.form.mark) for cell in cells):
                     return separator
         return ""
+
+
+class _Clock:
+    """Reads the times of day of one column, row by row; without a date they go on past midnight."""
+
+    def __init__(self, table: TextTable, column: int) -> None:
+        self._table = table
+        self._column = column
+        self._last = table.first_ns
+        table.midnights[column] = 0
+
+    def seconds(self, text: str | None) -> float:
+        """A time of day as seconds since the first one; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
+        table = self._table
+        cell = (text or "").strip()
+        if cell in NO_VALUE:
+            return math.nan
+        if fault := table.time_fault(cell):
+            raise _invalid(fault)
+        ns = clock_times.nanoseconds(cell, table.of_dates)
+        if not clock_times.has_date(cell):
+            ns += table.midnights[self._column] * clock_times.DAY_NS
+            if ns < self._last - _BACK:
+                ns += clock_times.DAY_NS
+                table.midnights[self._column] += 1
+            self._last = ns
+        return (ns - table.first_ns) * 1e-9
+
+
+def _day_column(rows: Sequence[Sequence[str]], stamped: Sequence[bool]) -> int | None:
+    """The only column of dates, if a column has times of day without a date; else None."""
+    columns = [*zip(*(row for row in rows if len(row) == len(stamped)), strict=True)]
+    clocks = [cell for column, stamp in zip(columns, stamped, strict=False) if stamp for cell in column]
+    if not any(map(clock_times.is_time, clocks)) or any(map(clock_times.has_date, clocks)):
+        return None
+    days = []
+    for i, column in enumerate(columns):
+        stated = [cell for cell in column if cell not in NO_VALUE]
+        if stated and all(map(clock_times.is_date, stated)):
+            days.append(i)
+    return days[0] if len(days) == 1 else None
+
+
+def _dated(cells: Sequence[str], column: int, day: int | None) -> str:
+    """The cell of a time of day, with the date that stands beside it."""
+    return cells[column] if day is None else _with_date(cells[column], cells[day])
+
+
+def _with_date(clock: str | None, day: str | None) -> str:
+    """A time of day with a date; "" where there is none."""
+    return f"{day or ''} {clock}".strip() if clock and clock.strip() not in NO_VALUE else ""
 
 
 def _invalid(text: str) -> Exception:

@@ -11,6 +11,7 @@ from rig.record.run_data import Reals
 
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
+_COARSE = 1e-4  # of a period: a larger distance of two doubles beside the last time is told. chosen
 
 
 @dataclass
@@ -34,6 +35,8 @@ class TimeBase:
     """Largest deviation of a distance, of those that are no gap, from the period, in periods."""
     drift: float = 0.0
     """Relative change of the mean period from the first quarter of the first block to the last one of the latest."""
+    midnights: int = 0
+    """How often times of day without a date passed midnight."""
     shift: float = 0.0
     """Added to the times of the file to join it to the first one [s]."""
     _first: float = 0.0
@@ -72,6 +75,11 @@ class TimeBase:
         rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
         told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
+        if self.midnights:
+            told += f"; the times of day have no date and pass midnight {counted(self.midnights, 'time')}"
+        steps = float(np.spacing(max(abs(self.begin), abs(self.last))))
+        if steps > _COARSE * self.period > 0.0:
+            told += f"; so far from 0 the times are rounded to {steps:.2g} s, the digits of a double"
         if self.gaps:
             told += f"; {counted(self.gaps, 'gap')}, the longest {self.longest:.6g} s"
         if self.uneven > _EVEN:
