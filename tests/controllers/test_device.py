@@ -302,7 +302,7 @@ def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_pat
     with pytest.raises(UsageError, match=r"nf ran on a board.*with --recorded"):
         rig.fork(log, 4.5)
     same(rig.fork(log, 4.5, recorded=True), run)
-    with pytest.raises(UsageError, match=r"end at 6 s; from 4\.5 s on a duration of at most 1\.5 s"):
+    with pytest.raises(UsageError, match=r"ends at 6 s; from 4\.5 s on a duration of at most 1\.5 s"):
         rig.fork(log, 4.5, duration=2.0, recorded=True)
     with standing_in(scene.controllers["nf"].port, law):
         told = rig.fork(log, 4.5, recorded=True).events
