@@ -7,22 +7,18 @@
 
    Serial: give each byte that arrives to rig_byte and send rig_out, as many bytes as it returns.
    UDP:    give each datagram to rig_answer and send what it points to, as many bytes as it returns.
+
+   A stream of measured values needs neither INPUTS nor a law: call rig_measured and send rig_out (serial) or rig_last.
    The board is little-endian, as nearly all are. Where double has four bytes (AVR), values = "float32" is needed. */
 #ifndef RIG_BOARD_H
 #define RIG_BOARD_H
 #include <stdint.h>
 
 enum { RIG_VERSION = 0x71, RIG_STEP = 1, RIG_START = 2, RIG_ECHO = 3, RIG_ACT = 0x11, RIG_UNSTARTED = 0x12,
-       RIG_ECHOED = 0x13, RIG_HEAD = 16, RIG_MOST = RIG_HEAD + 24 * 8 };
+       RIG_ECHOED = 0x13, RIG_MEASURED = 0x14, RIG_HEAD = 16, RIG_MOST = RIG_HEAD + 24 * 8 };
 
-void law_start(void);
-void law(int64_t t_ns, const double *in, double *out);
-
-static uint8_t rig_last[RIG_MOST + 4];  /* the last answer; room for the CRC */
-static uint8_t rig_echo[RIG_MOST + 4];
-static uint8_t rig_in[RIG_MOST + 8];    /* bytes since the last zero byte */
+static uint8_t rig_last[RIG_MOST + 4];  /* the last answer or the measured values; room for the CRC */
 static uint8_t rig_out[RIG_MOST + 8];   /* what a serial port sends */
-static int rig_length, rig_count, rig_started;
 
 static void rig_copy(void *to, const void *from, int n)
 {
@@ -40,6 +36,42 @@ static uint32_t rig_crc(const uint8_t *p, int n)
     }
     return ~c;
 }
+
+/* Puts a frame of n bytes into rig_out, with CRC, COBS and the zero byte; how many bytes to send. */
+static int rig_stuff(uint8_t *frame, int n)
+{
+    uint32_t crc = rig_crc(frame, n);
+    int at = 1, mark = 0;
+    rig_copy(frame + n, &crc, 4);
+    rig_out[0] = 1;
+    for (int i = 0; i < n + 4; i++) {
+        if (frame[i]) { rig_out[at++] = frame[i]; rig_out[mark]++; }
+        else { mark = at; rig_out[at++] = 1; }
+    }
+    rig_out[at++] = 0;
+    return at;
+}
+
+#ifndef INPUTS
+/* Makes the frame of n measured values; how many bytes of rig_out to send, 16 + n sizeof(double) of rig_last by UDP. */
+static int rig_measured(int64_t t_ns, const double *values, int n)
+{
+    static uint32_t sequence;
+    const uint8_t head[4] = {RIG_VERSION, RIG_MEASURED, (uint8_t)n, sizeof(double)};
+    sequence++;
+    rig_copy(rig_last, head, 4);
+    rig_copy(rig_last + 4, &sequence, 4);
+    rig_copy(rig_last + 8, &t_ns, 8);
+    rig_copy(rig_last + RIG_HEAD, values, n * (int)sizeof(double));
+    return rig_stuff(rig_last, RIG_HEAD + n * (int)sizeof(double));
+}
+#else
+static uint8_t rig_echo[RIG_MOST + 4];
+static uint8_t rig_in[RIG_MOST + 8];    /* bytes since the last zero byte */
+static int rig_length, rig_count, rig_started;
+
+void law_start(void);
+void law(int64_t t_ns, const double *in, double *out);
 
 /* Calls the law for a step and writes the answer; its length. */
 static int rig_step(const uint8_t *f, int width)
@@ -91,7 +123,7 @@ static int rig_byte(uint8_t byte)
 {
     uint8_t *answer;
     uint32_t crc;
-    int n = 0, at = 0, mark = 0;
+    int n = 0, at = 0;
     if (byte) { /* too long a frame is damaged: it is counted and not kept */
         if (rig_count < (int)sizeof rig_in) rig_in[rig_count] = byte;
         if (rig_count <= (int)sizeof rig_in) rig_count++;
@@ -108,15 +140,7 @@ static int rig_byte(uint8_t byte)
     if (n < RIG_HEAD + 4) return 0;
     rig_copy(&crc, rig_in + n - 4, 4);
     if (crc != rig_crc(rig_in, n - 4) || (n = rig_answer(rig_in, n - 4, &answer)) == 0) return 0;
-    crc = rig_crc(answer, n);
-    rig_copy(answer + n, &crc, 4);
-    at = 1;
-    rig_out[0] = 1;
-    for (int i = 0; i < n + 4; i++) {
-        if (answer[i]) { rig_out[at++] = answer[i]; rig_out[mark]++; }
-        else { mark = at; rig_out[at++] = 1; }
-    }
-    rig_out[at++] = 0;
-    return at;
+    return rig_stuff(answer, n);
 }
+#endif
 #endif

@@ -243,8 +243,8 @@ def instruments() -> Iterator[str]:
     """Every instrument."""
     for kind in SENSORS:
         one = SENSORS[kind]
-        reads, delivers = code(one.accepts), code(one.delivers)
-        yield from (f"## {kind}", "", f'`kind = "{kind}"`. Reads {reads}, delivers {delivers}.', "", *prose(one))
+        units = "" if one.given else f" Reads {code(one.accepts)}, delivers {code(one.delivers)}."
+        yield from (f"## {kind}", "", f'`kind = "{kind}"`.{units}', "", *prose(one))
         yield from table(HEADS, rows(one, told=("kind",)))
 
 

@@ -42,7 +42,7 @@ LEVELS = {
         ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
     ),
     **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
-    **dict.fromkeys(("outdated", "skipped", "device lost", "device reset"), WARN),
+    **dict.fromkeys(("outdated", "skipped", "device lost", "device reset", "stream lost"), WARN),
 }
 """Kind of an event -> how serious it is; all other kinds are news."""
 BLOCK_NS = 20_000_000

@@ -21,9 +21,11 @@ from rig.errors import DeviceError
 from rig.machine.board import (
     AGAIN_S,
     BITS,
+    BOOT_S,
     COUNTED,
     ECHO,
     MOST,
+    REOPEN_S,
     START,
     STEP,
     UNSTARTED,
@@ -36,14 +38,10 @@ from rig.machine.board import (
 
 ANSWER_S = 2.0
 """Longest wait for an answer in lockstep and in `rig simulate` [s]."""
-# Longest wait for the first answer after the port was opened [s]. # chosen: this resets an Arduino, which takes 2 s
-BOOT_S = 3.0
 BOOT_AGAIN_S = 0.05
 """Time until the board is asked again while it starts [s]."""
 LOST_NS = 50_000_000
 """Time without an answer after which a board counts as lost [ns]. # chosen: the hold of most scenes"""
-REOPEN_S = 0.2
-"""Time between two attempts to open a port that is gone [s]."""
 PATIENCE = 0.8
 """Share of the period that a paced run waits for an answer by default: the rest carries it to the plant. # chosen"""
 LOST, BACK, RESET = "device lost", "device back", "device reset"

@@ -45,6 +45,8 @@ ACT = 0x11
 UNSTARTED = 0x12
 """The answer to a step of a board whose law was never started: it was reset."""
 ECHOED = 0x13
+MEASURED = 0x14
+"""The values of a stream, which the board sends on its own."""
 HEAD = struct.Struct("<BBBBIq")
 CRC = struct.Struct("<I")
 WIDTHS = {"float32": 4, "float64": 8}
@@ -53,6 +55,10 @@ MOST = 24
 """Most values of a frame: with them it is shorter than 254 bytes, up to which COBS needs one byte only."""
 MOST_BYTES = 256
 """Longest rest of a frame that is kept until its end arrives."""
+BOOT_S = 3.0
+"""Longest wait for the first frame after a port was opened [s]. # chosen: this resets an Arduino, which takes 2 s"""
+REOPEN_S = 0.2
+"""Time between two attempts to open a port that is gone [s]."""
 BITS = 10
 """Bits that a UART sends for a byte: start, eight of data, stop."""
 # Wait until a frame is sent again when the answer is waited for [s]; doubled each time up to the second value. chosen

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.controllers.device import BOOT_AGAIN_S, BOOT_S, PATIENCE
+from rig.controllers.device import BOOT_AGAIN_S, PATIENCE
 from rig.errors import DeviceError
-from rig.machine.board import ECHO, HEAD, WIDTHS, Address, Line, line_bytes
+from rig.machine.board import BOOT_S, ECHO, HEAD, WIDTHS, Address, Line, line_bytes
 
 RATES = {100: 100, 1000: 2000, 5000: 5000}
 """Rate of the frames [1/s] -> how many. # chosen: at most two seconds each"""

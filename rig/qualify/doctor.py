@@ -150,7 +150,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
         experiment.runner.motion.foresee(sets)
         experiment.prepared_rigs()
 
-    experiment, answering = begun(scene, working, duration_ns, before=prepare)
+    experiment, answering = begun(scene, working, duration_ns, before=prepare, measured={})
     runner = experiment.runner
     truth = runner.truth
     assert truth is not None

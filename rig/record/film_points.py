@@ -72,10 +72,10 @@ def points_of(scene: str) -> Points | None:
 
 def largest_load(scene: Scene) -> float:
     """Return the largest load that a scene or its protocol sets [N]."""
-    from rig.scenes.protocol import extremes, flat, targets
+    from rig.scenes.protocol import Follow, extremes, flat, recorded, targets
 
     steps = [step for step in flat(scene.protocol) if "load.force" in targets(step)]
-    loads = [extremes(step, "load.force")[1] for step in steps]
+    loads = [extremes(step, "load.force")[1] for step in steps if recorded(step) or not isinstance(step, Follow)]
     largest: float = max([float(getattr(getattr(scene.parameters, "load", None), "force", 0.0)), *loads])
     return largest
 

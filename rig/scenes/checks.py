@@ -18,12 +18,14 @@ from rig.controllers import controller_class, controller_drives, controller_read
 from rig.controllers.blocks import base, compiled
 from rig.controllers.device import Device
 from rig.errors import PartError
+from rig.machine.board import Address
 from rig.parts import calling, file_of, place_of
 from rig.quantities import LONGEST
 from rig.scenes import sections, source
 from rig.scenes.faults import lookup, near, shown, unit_of
 from rig.scenes.protocol import Clock, Connect, Disconnect, Repeat, extremes, flat, moves, targets
 from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.stream import AGE, streams
 from rig.units import brief, is_number, same_unit, unit_fault
 
 TIMES = ("over", "time", "duration", "timeout", "window")
@@ -243,7 +245,7 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
         key = f"sensors.{name}.reads"
         if section.reads not in outputs:
             yield key, f"{key} = {shown(section.reads)}: {plant} has no such output; {near(section.reads, outputs)}"
-        elif outputs[section.reads].unit != section.reads_unit:
+        elif section.reads_unit and outputs[section.reads].unit != section.reads_unit:
             fitting = [n for n, output in outputs.items() if output.unit == section.reads_unit]
             yield (
                 key,
@@ -252,20 +254,53 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
             )
 
 
-def boards(controllers: Mapping[str, Any]) -> Iterator[source.Fault]:
-    """Each board has one controller."""
+def boards(controllers: Mapping[str, Any], sensors: Mapping[str, Any]) -> Iterator[source.Fault]:
+    """Each board has one controller, or streams: one for each of its values."""
     owners: dict[Any, str] = {}
     for name, section in controllers.items():
         if not isinstance(section, Device):
             continue
-        where = section.address.device if section.address.kind == "serial" else section.address
+        where = _place(section.address)
         if where in owners:
-            key = f"controllers.{name}.port"
+            yield _taken(f"controllers.{name}.port", section.port, owners[where])
+        owners[where] = f"controllers.{name}"
+    channels: dict[Any, list[int]] = {}
+    measured = {name: stream for name, stream in streams(sensors).items() if stream.channel != AGE}
+    for name, stream in measured.items():
+        where = _place(stream.address)
+        if where in owners:
+            yield _taken(f"sensors.{name}.port", stream.port, owners[where])
+        channels.setdefault(where, []).append(stream.channel)
+    for name, stream in measured.items():
+        given = sorted(channels[_place(stream.address)])
+        if given != list(range(1, len(given) + 1)):
+            key = f"sensors.{name}.channel"
+            all_given = ", ".join(map(str, given))
             yield (
                 key,
-                f"{key} = {section.port}: is the port of controllers.{owners[where]}, too; each board has its own",
+                f"{key}: the streams of {stream.port} have the channels {all_given}; expected each from 1 on once",
             )
-        owners[where] = name
+
+
+def _place(address: Address) -> Any:
+    return address.device if address.kind == "serial" else address
+
+
+def _taken(key: str, port: str, owner: str) -> source.Fault:
+    return key, f"{key} = {port}: is the port of {owner}, too; each board has its own"
+
+
+def stream_rates(clock: Clock, sensors: Mapping[str, Any]) -> Iterator[source.Fault]:
+    """A stream has at most one sample in a frame."""
+    for name, stream in streams(sensors).items():
+        instants = stream.instants
+        key = f"sensors.{name}.rate"
+        if stream.channel != AGE and (not instants.even or instants.whole[0] % clock.frame):
+            yield (
+                key,
+                f"{key} = {stream.rate:g} Hz: a stream has one sample in every frame or fewer; with a frame of "
+                f"{_ms(clock.frame)} state {1e9 / clock.frame:g} Hz or a whole part of it",
+            )
 
 
 def wiring(
@@ -315,7 +350,7 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[so
             actuator = inputs[target]
             key = f"protocol[{i}].{inner.step}"
             for value in dict.fromkeys(extremes(inner, target)):
-                if not actuator.low <= value <= actuator.high:
+                if value < actuator.low or value > actuator.high:
                     unit = "" if actuator.unit == "1" else f" {actuator.unit}"
                     yield key, f"{key}: {target} takes {actuator.low:g} to {actuator.high:g}{unit}, not {value:g}{unit}"
             if moves(inner) and not actuator.slope and actuator.write is None:

@@ -31,17 +31,18 @@ from rig.scenes.protocol import (
     STEPS,
     UNKNOWN,
     Clock,
-    Follow,
     Known,
     Mark,
     Step,
     flat,
     knock_durations,
     moves,
+    recorded,
     targets,
 )
 from rig.scenes.scene import Scene
 from rig.sensors.chain.instants import common_step
+from rig.sensors.stream import with_ages
 
 S = TypeVar("S", bound=Section)
 PARTS = 100
@@ -109,7 +110,7 @@ class _Reading:
         seed = sections.seed(self._tables)
         plant = rooms.name_of(str(raw.get("plant", "")))
         parameters = read(self.parameters, None)
-        all_sensors: dict[str, Any] = read(partial(self._named, "sensors", rooms.SENSORS), {})
+        all_sensors: dict[str, Any] = with_ages(read(partial(self._named, "sensors", rooms.SENSORS), {}))
         all_controllers: dict[str, Any] = read(partial(self._named, "controllers", rooms.CONTROLLERS), {})
         sensors = {name: section for name, section in all_sensors.items() if section is not None}
         controllers = {name: section for name, section in all_controllers.items() if section is not None}
@@ -125,7 +126,7 @@ class _Reading:
             report(network_checks(raw.get("network"), sensors, controllers))
         self._tables.leave_out(names)
         protocol = self._protocol(names)
-        followed = [(i, step.file.about) for i, step in enumerate(flat(protocol), 1) if isinstance(step, Follow)]
+        followed = [(i, step.file.about) for i, step in enumerate(flat(protocol), 1) if recorded(step)]
         self._tables.notes += [f"protocol, step {i}: {about['note']}" for i, about in followed if about.get("note")]
         if assembly is not None:
             knock.add(assembly, knock_durations(protocol))
@@ -134,6 +135,7 @@ class _Reading:
         if clock is not None:
             step_ns = common_step(clock.frame, (s.instants for s in sensors.values()))
             report(checks.periods(clock, controllers, raw))
+            report(checks.stream_rates(clock, sensors))
             report(checks.steps(clock, step_ns, raw))
             report(checks.lengths(clock, protocol, raw.get("protocol")))
             report(checks.whole(protocol))
@@ -142,7 +144,7 @@ class _Reading:
         if names.whole and assembly is not None and parameters is not None:
             report(checks.wiring(controllers, sensors, names.inputs, plant))
             report(checks.units(controllers, sensors, names.inputs))
-            report(checks.boards(controllers))
+            report(checks.boards(controllers, sensors))
             self._compiled(controllers, sensors, parameters, frame_ns)
             report(checks.hands_off(protocol, controllers))
             ramped = {name: "ramped" for step in flat(protocol) if moves(step) for name in targets(step)}

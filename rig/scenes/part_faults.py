@@ -32,6 +32,7 @@ from rig.quantities import Nanoseconds, Section, quantity
 from rig.scenes import merged, protocol, source
 from rig.scenes.checks import whole_frames
 from rig.scenes.faults import lines, lookup, near, shown
+from rig.sensors.stream import Stream
 
 Factor: Any = quantity("1", Ge(0.0), Le(1.0))
 
@@ -157,6 +158,11 @@ def checks(
         if isinstance(fault, SensorFault):
             if fault.sensor not in sensors:
                 line = f"{key}.sensor = {shown(fault.sensor)}: unknown sensor; {near(fault.sensor, sensors)}"
+                yield f"{key}.sensor", line
+            elif isinstance(sensors[fault.sensor], Stream):
+                line = (
+                    f"{key}.sensor = {fault.sensor}: is measured on a real rig; faults are those of simulated sensors"
+                )
                 yield f"{key}.sensor", line
         elif fault.actuator not in inputs:
             line = f"{plant} has no such actuator; {near(fault.actuator, inputs)}"

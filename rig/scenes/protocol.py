@@ -6,7 +6,8 @@
     wait         waits until a measurement is above or below a value, quiet or settled; at most `timeout`
     mark         writes a line into the recording
     knock        gives the body an impulse along the sliding direction at the contact; with `duration` by a half sine
-    follow       lets actuators follow channels of a recording, frame by frame, from `begin` to `end` of its time
+    follow       lets actuators follow channels of a recording, frame by frame, from `begin` to `end` of its time; or
+                 sensors, for `time`: a stream of a real rig (rig.sensors.stream), or an instrument
     set          sets an actuator, a parameter of the rig or of a controller at once
     connect      connects a controller to its actuators
     disconnect   disconnects it; the actuators return to the latest values of the protocol
@@ -20,6 +21,7 @@ Times are whole nanoseconds. `Clock` is the section [clock], whose frames the st
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -324,22 +326,41 @@ def _followable(channels: dict[str, str], info: ValidationInfo) -> dict[str, str
 
 
 class Follow(Section):
-    """Let actuators follow channels of a recording: a straight line from one frame to the next.
+    """Let actuators follow channels of a recording, or sensors: a straight line from one frame to the next.
 
-    channels   actuator -> channel
+    channels   actuator -> channel of the recording, or sensor in the unit of the actuator
     begin, end   times of the recording [s]; by default the first and the last time that all channels have
     file       the recording; its values at the frames are interpolated linearly between samples
+    time       instead of a recording: how long they follow the latest measurements
     """
 
     step: Literal["follow"]
     channels: Annotated[dict[str, str], AfterValidator(_followable)]
     begin: Length | None = None
     end: Length | None = None
-    file: Track
+    file: Track | None = None
+    time: Nanoseconds | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self, info: ValidationInfo) -> Self:
+        if (self.file is None) is (self.time is None):
+            raise ValueError("needs a file, or the time for which it follows sensors")
+        if self.time is not None and (self.begin, self.end) != (None, None):
+            raise ValueError("begin and end are times of a recording; state time alone to follow sensors")
+        known = info.context
+        if self.time is None or known is None or not known.whole:
+            return self
+        for actuator, sensor in self.channels.items():
+            unit = known.sensors.get(_named(sensor, f"sensor {sensor}", info, "sensors"))
+            if unit != known.inputs[actuator]:
+                raise ValueError(f"{sensor} is in {unit}, {actuator} in {known.inputs[actuator]}")
+        return self
 
     @property
     def duration(self) -> int:
-        """Whole frames [ns]."""
+        """Whole frames of the recording [ns]; 0 without one."""
+        if self.file is None:
+            return 0
         frames = len(self.file.content) // (8 * len(self.channels)) - 1
         return max(frames, 0) * self.file.frame_ns if self.file.content else 0
 
@@ -410,6 +431,11 @@ def duration_ns(step: Section, waits: bool = False) -> int:
     return sum(getattr(step, name, None) or 0 for name in names)
 
 
+def recorded(step: Any) -> bool:
+    """Whether a step follows a recording."""
+    return isinstance(step, Follow) and step.file is not None
+
+
 def targets(step: Any) -> tuple[str, ...]:
     """The actuators and parameters that a step sets or moves."""
     if isinstance(step, Follow):
@@ -423,8 +449,10 @@ def moves(step: Any) -> bool:
 
 
 def extremes(step: Any, target: str) -> tuple[float, float]:
-    """The smallest and the largest value that a step gives to one of its `targets`."""
+    """The smallest and the largest value that a step gives to one of its `targets`; NaN where only the run shows it."""
     if isinstance(step, Follow):
+        if step.file is None:
+            return math.nan, math.nan
         values = step.file.values(len(step.channels))[list(step.channels).index(target)]
         return float(values.min()), float(values.max())
     value = float(step.force if isinstance(step, Load) else step.to)

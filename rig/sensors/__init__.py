@@ -9,6 +9,7 @@ normal_force        force         N     N         second-order; charge drift
 disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
 microphone          velocity      m/s   Pa        diaphragm and vent; sound path, echoes, background noise
 voltmeter           voltage       V     V         second-order
+stream              any, on a real rig            none: a board measures it, in a paced run (docs/device.md)
 
 Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
 Noise is white from 0 to half the sample rate, with exactly the stated density (the anti-aliasing filter is ideal for

@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from boards import free_port, on_board, standing_in
+from boards import FAULTS, free_port, on_board, standing_in
 
 import rig
 from rig import scenes
@@ -117,3 +117,21 @@ def test_what_a_port_cannot_carry_is_refused_before_the_run(tmp_path):
     keeps_up(slow, 1.0)
     (tmp_path / "ttyACM0").touch()
     keeps_up(on_board(BASE, f"serial:{tmp_path / 'ttyACM0'}")[0], 1.0)
+
+
+def as_uart(answer):
+    """Send an answer after the time that 115200 baud need for it and for its step."""
+    time.sleep(2 * len(answer) * 10 / 115200)
+    return [answer]
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_a_uart_of_115200_baud_holds_ten_milliseconds(runs, tmp_path, monkeypatch):
+    monkeypatch.setitem(FAULTS, "uart", as_uart)
+    scene, law = on_board(BASE, f"serial:{tmp_path / 'board'}", changes=SOON, period="10 ms")
+    with standing_in(scene.controllers["nf"].port, law, "uart", every=1):
+        outcome = supervise.run(scene, duration=10.0, out=runs / "log.mcap")
+    assert outcome.summary["verdict"] == "VALID", outcome.text()
+    assert outcome.summary["round_trip"]["p50"] > 5e3  # us
+    assert verify(runs / "log.mcap").identical

@@ -1,11 +1,14 @@
 """A controller on a board: the bits of the shipped controller, whatever happens to its answers, and what is refused."""
 
+import os
+import socket
+import tracemalloc
 from contextlib import ExitStack
 from math import nan
 
 import numpy as np
 import pytest
-from boards import FAULTS, free_port, in_c, in_python, on_board, program, standing_in
+from boards import FAULTS, Sender, free_port, in_c, in_python, on_board, program, standing_in
 from compile_c import InPython
 
 import rig
@@ -18,6 +21,7 @@ from rig.controllers import device
 from rig.controllers.runtime.stand_in import started
 from rig.design import described
 from rig.errors import ControllerFailed, DeviceError, ExitCode, SceneError, UsageError
+from rig.machine.board import ACT, STEP, Address, Frame, Line
 from rig.qualify import doctor
 
 TWO = {
@@ -86,6 +90,61 @@ def test_a_disturbed_answer_changes_no_bit(fault, kind, shipped, tmp_path):
     seen = {"garbage": "damaged", "half": "damaged", "missing": "again", "late": "again"}.get(fault, "other")
     assert counts[seen] >= 90
     assert counts["missed"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["udp", "serial"])
+@pytest.mark.parametrize("fault", [*FAULTS, "other"])
+@pytest.mark.parametrize("base", ["pendulum", "belt"])
+def test_a_disturbed_answer_changes_no_bit_of_a_long_run(base, fault, kind, shipped, tmp_path):
+    seconds, changes = LONG[base]
+    scene, law = on_board(base, port_of(kind, tmp_path), changes=changes)
+    with standing_in(scene.controllers["nf"].port, law, fault):
+        run = simulate(scene, boards=True, duration_ns=seconds * 10**9)
+    same(run, shipped(base, seconds, changes))
+    assert run.summary["controllers"]["nf"]["missed"] == 0
+
+
+def test_a_disturbed_answer_changes_no_bit_with_two_values(shipped):
+    scene, law = on_board("belt", free_port(), changes=TWO)
+    with standing_in(scene.controllers["nf"].port, law, "other"):
+        run = simulate(scene, boards=True, duration_ns=10**9)
+    same(run, shipped("belt", 1, TWO))
+
+
+def test_a_reset_is_seen_in_the_next_frame():
+    scene, law = on_board("belt_normal_force", free_port())
+    with standing_in(scene.controllers["nf"].port, law, reset_every=500) as board:
+        run = simulate(scene, boards=True, duration_ns=2 * 10**9)
+    resets = [event["tick"] for event in run.events if event["kind"] == "device reset"]
+    assert np.diff(resets).tolist() == [499] * (len(resets) - 1)  # a frame more is asked: that which begins the law
+    assert board.steps == run.commands["nf"].tick.size == 2000
+
+
+def test_noise_and_frames_of_others_put_no_command_in_force():
+    """1e6 random bytes at the port of the answers, and 1e4 frames of another address."""
+    port = free_port()
+    number = Address.read(port).number
+    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    line = Line(Address.read(port), "float64", 1)
+    line.open()
+    board = Sender(port)
+    tracemalloc.start()
+    sizes = []
+    for k in range(10_000):
+        board.send(os.urandom(100))
+        act = Frame(ACT, k, 0, (9.0,)).to_bytes()
+        stranger.sendto(act, ("127.0.0.1", number + 1))
+        assert line.ask(STEP, 1, (0.0,), 0.0002) is None
+        sizes += [tracemalloc.get_traced_memory()[0]] if k % 1000 == 999 else []
+    tracemalloc.stop()
+    assert line.counts["damaged"] >= 9_900
+    assert line.counts["missed"] == line.counts["asked"] == 10_000
+    assert line.counts["other"] == line.counts["unfit"] == 0
+    assert max(np.diff(sizes)) < 20_000
+    stranger.close()
+    board.close()
+    line.close()
 
 
 @pytest.mark.parametrize("kind", ["udp", "serial"])
@@ -243,7 +302,7 @@ def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_pat
     with pytest.raises(UsageError, match=r"nf ran on a board.*with --recorded"):
         rig.fork(log, 4.5)
     same(rig.fork(log, 4.5, recorded=True), run)
-    with pytest.raises(UsageError, match=r"end at 6 s; from 4\.5 s on a duration of at most 1\.5 s"):
+    with pytest.raises(UsageError, match=r"ends at 6 s; from 4\.5 s on a duration of at most 1\.5 s"):
         rig.fork(log, 4.5, duration=2.0, recorded=True)
     with standing_in(scene.controllers["nf"].port, law):
         told = rig.fork(log, 4.5, recorded=True).events

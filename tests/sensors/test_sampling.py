@@ -24,7 +24,8 @@ SIGNALS = {
 
 
 def instruments(clean=None, **numbers):
-    sensors = {kind: cls(**({} if clean is None else clean[kind]), **numbers) for kind, cls in KINDS.items()}
+    simulated = {kind: cls for kind, cls in KINDS.items() if not cls.given}
+    sensors = {kind: cls(**({} if clean is None else clean[kind]), **numbers) for kind, cls in simulated.items()}
     fast = {"rate": 10e3} | ({} if clean is None else clean["laser_vibrometer"])
     return sensors | {"fast": KINDS["laser_vibrometer"](**fast)}
 

@@ -1,5 +1,6 @@
 """Boards for tests: stand-ins in a thread, whose answers may be disturbed, and the scene of a controller on one."""
 
+import os
 import random
 import shutil
 import socket
@@ -14,7 +15,7 @@ import pytest
 
 from rig import controllers, design, scenes
 from rig.controllers.runtime.stand_in import Board, serve_serial, serve_udp
-from rig.machine.board import Address, Frame, stuffed
+from rig.machine.board import MEASURED, Address, Frame, stuffed
 
 ROOT = Path(__file__).parents[2]
 RANDOM = random.Random(66)
@@ -149,3 +150,61 @@ def program(*command):
 def in_python(port):
     """The board of docs/device/board.py."""
     return program(sys.executable, ROOT / "docs" / "device" / "board.py", port.rpartition(":")[2])
+
+
+def measured(sequence, *values, width=8):
+    """A frame of measured values, as a board sends it on its own."""
+    return Frame(MEASURED, sequence, 0, values, width).to_bytes()
+
+
+class Sender:
+    """The board's end of a stream at a port of this computer."""
+
+    def __init__(self, port):
+        self.address = Address.read(port)
+        self.away = threading.Event()
+        """Set: it sends nothing."""
+        if self.address.kind == "udp":
+            self._link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._link.bind(("127.0.0.1", self.address.number))
+        else:
+            self._board, self._port = os.openpty()
+            Path(self.address.where).symlink_to(os.ttyname(self._port))
+
+    def send(self, frame, to=None):
+        """Send a frame; `to`: another UDP port of this computer than the one after its own."""
+        if self.address.kind == "udp":
+            self._link.sendto(frame, ("127.0.0.1", to or self.address.number + 1))
+        else:
+            os.write(self._board, stuffed(frame))
+
+    def close(self):
+        """Leave."""
+        if self.address.kind == "udp":
+            self._link.close()
+        else:
+            os.close(self._board)
+            os.close(self._port)
+
+
+@contextmanager
+def streaming(port, values, period_s=0.001):
+    """A board that sends the frame of `values(number)` every `period_s`, in a thread."""
+    sender = Sender(port)
+    over = threading.Event()
+
+    def work():
+        number = 0
+        while not over.wait(period_s):
+            number += 1
+            if not sender.away.is_set():
+                sender.send(measured(number, *values(number)))
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        yield sender
+    finally:
+        over.set()
+        thread.join()
+        sender.close()

@@ -187,7 +187,7 @@ def _analysed(scene: Scene) -> Assembly:
 
 def run_briefly(scene: Scene) -> None:
     """Call what a run calls; a method that leaves the limits at this scene's step has been compiled all the same."""
-    runner = PlantRunner(scene)
+    runner = PlantRunner(scene, measured={})
     with suppress(NumericsError):
         for _ in range(FRAMES):
             runner.frame()

@@ -38,7 +38,7 @@ from rig.record.run_data import MEASURED, signals, unknown
 from rig.record.track import followed, samples
 from rig.results import Column, Result, Table
 from rig.scenes import checks, rooms
-from rig.scenes.protocol import STEPS, Follow, Track, flat
+from rig.scenes.protocol import STEPS, Track, flat, recorded
 from rig.scenes.scene import Scene
 from rig.units import same_unit
 
@@ -157,7 +157,7 @@ def against_scene(
     if run.span is None:
         raise UsageError("the recording has no samples")
     start, last = run.span
-    follows = any(isinstance(step, Follow) for step in flat(scene.protocol))
+    follows = any(map(recorded, flat(scene.protocol)))
     ways: dict[str, str] = {}
     moved = scene
     duration_ns = None
@@ -166,7 +166,7 @@ def against_scene(
         moved = replace(scene, protocol=_protocol(run, scene, ways) if ways else ())
         duration_ns = max(round((last - start) * 1e9), scene.frame_ns)
     simulated = simulate(moved, duration_ns=duration_ns)
-    notes = [step.file.about.get("note", "") for step in flat(moved.protocol) if isinstance(step, Follow)]
+    notes = [step.file.about.get("note", "") for step in flat(moved.protocol) if recorded(step)]
     notes += [f"the simulation is not complete: {simulated.fault}"] if simulated.fault else []
     begin = max(begin, start)
     end = min(end, start + (simulated.span[1] if simulated.span else 0.0))

@@ -64,7 +64,8 @@ def compared(run: Run, scene: Scene, name: str, tick: int) -> tuple[str, str]:
     asked = _Compared(board, dict(zip(times, map(tuple, commands.values[sent].tolist()))))
     try:
         board.start()
-        simulate(scene, {name: asked}, tick * run.frame_ns, Recorded(run.commands, run.events), audited=False)
+        recorded = Recorded(run.commands, run.events, measured=run.measurements)
+        simulate(scene, {name: asked}, tick * run.frame_ns, recorded, audited=False)
     except (ControllerFailed, DeviceError):
         return "", ""
     finally:

@@ -41,6 +41,7 @@ from rig.record.run import Run
 from rig.scenes.faults import near, shortened
 from rig.scenes.merged import OWN
 from rig.scenes.scene import Scene
+from rig.sensors.stream import streams
 
 
 def fork(
@@ -55,8 +56,8 @@ def fork(
 
     `changes`: dotted key -> value with unit, of the rig or of a controller (controllers.NAME.KEY). The instant is the
     nearest frame. `stop`: see `simulate`. `recorded`: controllers on other hardware command what they have commanded in
-    the recording, up to its end. Raises UsageError for values that cannot change in the middle of a run and
-    for an instant outside of the recording, LogError for a recording that does not repeat here.
+    the recording, up to its end; streams always repeat theirs. Raises UsageError for values that cannot change in the
+    middle of a run and for an instant outside of the recording, LogError for a recording that does not repeat here.
     """
     changes = changes or {}
     run = reader.open(log)
@@ -70,8 +71,9 @@ def fork(
     tick = _tick(log, run, at)
     boards = _boards(log, scene, recorded)
     end = scene.duration_ns if duration_ns is None else tick * run.frame_ns + duration_ns
-    if boards:
-        end = _within(log, run, tick, duration_ns)
+    real = [*boards, *streams(scene.sensors)]
+    if real:
+        end = _within(log, run, tick, duration_ns, real[0])
     if end is None or end <= tick * run.frame_ns:
         begin = f"{tick * run.frame_ns * 1e-9:g} s"
         raise UsageError(f"{log}: its protocol has no steps after {begin}; state a duration, e.g. --duration 10")
@@ -81,7 +83,7 @@ def fork(
     origin: dict[str, str | int] = {"ancestor": log.name, "ancestor_sha256": digest, "instant_ns": now}
     described = design.described(scene)
     acting = {name: controllers.restored(described[name]) for name in described if name not in boards}
-    _check(begun(scene, acting)[0], acting, changes)
+    _check(begun(scene, acting, measured={})[0], acting, changes)
     asked: list[str] = []
 
     def ask() -> str:
@@ -95,7 +97,8 @@ def fork(
     events += [_action("parameter", tick, now, "", {"set": changes})] if changes else []
 
     def continued(resumption: Resumption | None) -> Run:
-        history = Recorded(run.commands, events, tick, resumption, _skipped_before(run, tick), boards)
+        skipped = _skipped_before(run, tick)
+        history = Recorded(run.commands, events, tick, resumption, skipped, boards, run.measurements)
         try:
             continuation = simulate(scene, None, end, history, None if stop is None else ask)
         except LogError as fault:
@@ -136,14 +139,14 @@ def _boards(log: Path, scene: Scene, recorded: bool) -> list[str]:
     return boards
 
 
-def _within(log: Path, run: Run, tick: int, length_ns: int | None) -> int:
-    """The end of a continuation by recorded commands [ns]. Raises UsageError for one after that of the recording."""
+def _within(log: Path, run: Run, tick: int, length_ns: int | None, name: str) -> int:
+    """The end of a continuation by what board or stream `name` has sent [ns]. Raises UsageError for a later one."""
     begin_ns = tick * run.frame_ns
     last_ns = duration_ns(run)
     if length_ns is not None and begin_ns + length_ns > last_ns:
         raise UsageError(
-            f"{log}: the commands of its board end at {last_ns * 1e-9:g} s; from {begin_ns * 1e-9:g} s on a duration "
-            f"of at most {(last_ns - begin_ns) * 1e-9:g} s is possible"
+            f"{log}: what the hardware of {name} has sent ends at {last_ns * 1e-9:g} s; from "
+            f"{begin_ns * 1e-9:g} s on a duration of at most {(last_ns - begin_ns) * 1e-9:g} s is possible"
         )
     return last_ns if length_ns is None else begin_ns + length_ns
 

@@ -283,7 +283,9 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
         return _by_checksums(log, run)
     scene = recorded_scene(log, run)
     try:
-        again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events), tell=tell)
+        again = simulate(
+            scene, {}, duration_ns(run), Recorded(run.commands, run.events, measured=run.measurements), tell=tell
+        )
     except LogError as error:
         raise LogError(f"{log}: {error}") from None
     elsewhere = changed_place(run)

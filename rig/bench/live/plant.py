@@ -43,6 +43,7 @@ from rig.bench.live.hub import Hub, missing
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
 from rig.bench.live.pace import FrameBatches, length
+from rig.bench.live.stream_ports import StreamPorts
 from rig.bench.live.timing import Timing, TimingVerdict
 from rig.bench.run.builds import CommandedRigs, PreparedRigs
 from rig.bench.run.experiment import BEGIN, Experiment
@@ -92,7 +93,8 @@ def finalise(plant: Plant) -> dict[str, Any]:
     ended = "diverged" if plant.fault else experiment.over or "failed"
     experiment.end()
     counters = _counters(plant)
-    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures]
+    plant.streams.close()
+    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures, *plant.streams.faults()]
     for name, counts in counters.items():
         if counts["refused"]:
             plant.housekeeper.faults.append(
@@ -149,6 +151,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
         "plant": statistics,
         "audit": runner.audit(),
         "sensors": runner.bank.counters(),
+        **({"streams": streams} if (streams := plant.streams.counters()) else {}),
         **({"network": network} if (network := experiment.network()) else {}),
         "processor_seconds": sum(os.times()[:2]),
     }
@@ -282,7 +285,9 @@ class Plant:
         self.job = job
         self.scene = scene = Scene.from_json(job.scene)
         with model_store.collected() as self.models:  # those of the rig that the controllers believe in, too
-            self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
+            self.runner = runner = PlantRunner(
+                scene, piece=length(scene, job.pace), measured=None if job.in_lockstep else {}
+            )
             described = design.described(scene)
         duration_ns = run_length_ns(job.duration)
         self.experiment = Experiment(scene, runner, duration_ns, self._retune)
@@ -303,6 +308,7 @@ class Plant:
         """Whether a signal ended the run before the end that its protocol or its duration sets."""
         self.boards = {name for name, section in scene.controllers.items() if isinstance(section, Device)}
         """Controllers without which the run does not begin, and in lockstep ends."""
+        self.streams = StreamPorts(scene, runner, self.experiment.journal)
         self.from_start: set[tuple[str, str]] = set()
         """Processes that were connected at the first frame."""
         self.waiting: pace.Waiting | None = None
@@ -384,6 +390,7 @@ class Plant:
             self.hub.look(0.02)
             self.hub.serve_scene()
             self.operator.poll()
+        self.streams.wait(self._stopping)
         self.from_start = set(present)
 
     def run(self, show: Show) -> dict[str, Any]:
@@ -452,6 +459,7 @@ class Plant:
             begin, late = pacer.wait(frames)
             spent = processor()
             hub.commands.receive()
+            self.streams.receive()
             received = clock()
             hub.put_step(self.runner.tick)
             hub.gather(self.runner.tick)

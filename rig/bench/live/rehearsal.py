@@ -165,7 +165,7 @@ class _Frames:
         self._scene = scene
         self._longest_ns = round(longest_s * 1e9)
         duration_ns = scene.duration_ns if job.duration is None else run_length_ns(job.duration)
-        self._experiment, self._working = begun(scene, working, duration_ns)
+        self._experiment, self._working = begun(scene, working, duration_ns, measured={})
         self.runner = self._experiment.runner
         self._compiled = CompiledControllers(self._experiment)
         inside = scene.controllers.keys() if job.in_lockstep else scene.in_plant  # in lockstep the plant waits for all

@@ -102,6 +102,7 @@ def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
         ("timing", _timing(outcome)),
         ("busy", [machine_load.advice(outcome["verdict"], late_share, machine)]),
         ("loop", _loop(outcome)),
+        ("streams", [stream(port, counts) for port, counts in outcome.get("streams", {}).items()]),
         ("network", [link(topic, counts) for topic, counts in network.items()]),
         ("lost", _lost(outcome)),
         ("refused", _refused(outcome.get("refused", {}))),
@@ -116,6 +117,13 @@ def link(topic: str, counts: Mapping[str, int]) -> str:
     (_, sent), *others = counts.items()
     impaired = ", ".join(f"{n} {what}" for what, n in others if n)
     return f"{topic}: {sent} sent, {impaired or 'none of them impaired'}"
+
+
+def stream(port: str, counts: Mapping[str, int]) -> str:
+    """What became of the frames of a stream (rig.bench.live.stream_ports.StreamPort), as a line."""
+    words = [f"{counts['frames']} frames taken in"]
+    words += [f"{count} {what}" for what, count in counts.items() if count and what != "frames"]
+    return f"{port}: {', '.join(words)}"
 
 
 def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:

@@ -99,7 +99,9 @@ def _pieces(steps: Iterable[Any]) -> Iterator[tuple[float, float | None]]:
         elif isinstance(step, Ramp | Load | Hold):
             lasts = 1e-9 * (step.time if isinstance(step, Hold) else step.over)
             yield lasts, step.to if isinstance(step, Ramp) and step.target == SPEED else None
-        elif isinstance(step, Follow):
+        elif isinstance(step, Follow) and step.file is None:
+            yield 1e-9 * (step.time or 0), None
+        elif isinstance(step, Follow) and step.file is not None:
             values = step.file.values(len(step.channels))
             speeds = values[list(step.channels).index(SPEED)].tolist() if SPEED in step.channels else []
             frame = 1e-9 * step.file.frame_ns

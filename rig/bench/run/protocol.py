@@ -7,6 +7,7 @@ other within one tick; a ramp, a hold, a wait or a recording to follow delays th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,22 +16,22 @@ from numpy.typing import NDArray
 from rig.bench.run.actions import Action, Apply, Change, Finish, Move, Note, Release, Strike, Switch
 from rig.bench.run.condition import Condition
 from rig.model.assembly import Input
-from rig.scenes.protocol import Follow, Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
+from rig.scenes.protocol import Follow, Hold, Knock, Load, Mark, Ramp, Set, Track, Wait, duration_ns
 from rig.scenes.sections import least_ns, number, unrolled
 
 NOTHING: tuple[Action, ...] = ()
 
 
 class Following:
-    """The moves of a step `Follow` that begins at `tick`: one for each frame in which a value changes."""
+    """The moves of a step `Follow` of a `track` from `tick` on: one for each frame in which a value changes."""
 
-    def __init__(self, step: Follow, tick: int, frame_ns: int) -> None:
+    def __init__(self, step: Follow, track: Track, tick: int, frame_ns: int) -> None:
         self._names = tuple(step.channels)
         self._first = tick
-        values = step.file.values(len(self._names))
-        if step.file.frame_ns != frame_ns:  # a recorded step that is continued with another frame
+        values = track.values(len(self._names))
+        if track.frame_ns != frame_ns:  # a recorded step that is continued with another frame
             ticks = np.arange(step.duration // frame_ns + 1) * frame_ns
-            frames = np.arange(values.shape[1]) * step.file.frame_ns
+            frames = np.arange(values.shape[1]) * track.frame_ns
             values = np.array([np.interp(ticks, frames, row) for row in values])
         same = (values[:, 1:] == values[:, :-1]).all(axis=0)
         self._values = values
@@ -44,8 +45,8 @@ class Following:
         """The tick of the next move."""
         return self._first + self._knots[self._at]
 
-    def due(self) -> list[Action]:
-        """The moves from the next knot to the one after it."""
+    def due(self, latest: NDArray[Any]) -> list[Action]:
+        """The moves from the next knot to the one after it; `latest` as of `Protocol.due`."""
         begin, end = self._knots[self._at : self._at + 2]
         self._at += 1
         columns = zip(self._names, self._values[:, begin], self._values[:, end])
@@ -63,6 +64,38 @@ class Following:
     def end(self) -> list[Action]:
         """The values at the end."""
         return [Apply(name, float(value)) for name, value in zip(self._names, self._values[:, -1])]
+
+
+class FollowingSensors:
+    """The moves of a step `Follow` from `tick` on that follows sensors: one in each frame in which a value changes.
+
+    `columns`: actuator -> place of its sensor in the latest samples.
+    """
+
+    def __init__(self, columns: Mapping[str, int], tick: int) -> None:
+        self._columns = columns
+        self._values: dict[str, float] = {}
+        self.next = tick
+        """The tick of the next look at the sensors."""
+
+    def due(self, latest: NDArray[Any]) -> list[Action]:
+        """The moves to the latest samples; without samples, before the first tick, the look is repeated."""
+        actions = list[Action]()
+        values = {name: float(latest[column]) for name, column in self._columns.items()}
+        if not all(map(isfinite, values.values())):
+            return actions
+        for name, value in values.items():
+            if name not in self._values:
+                actions.append(Apply(name, value))
+            elif value != self._values[name]:
+                actions.append(Move(name, value, 1))
+        self._values = values
+        self.next += 1
+        return actions
+
+    def end(self) -> list[Action]:
+        """The values stay."""
+        return []
 
 
 class Progress(NamedTuple):
@@ -106,7 +139,7 @@ class Protocol:
         self._until = 0
         self._current: Any = None
         self._condition: Condition | None = None
-        self._following: Following | None = None
+        self._following: Following | FollowingSensors | None = None
         self.phase = ""
 
     def due(self, tick: int, latest: NDArray[Any]) -> Sequence[Action]:
@@ -117,7 +150,7 @@ class Protocol:
             if not met and tick < self._until:
                 return NOTHING
         elif self._following is not None and tick < self._until:
-            return self._following.due() if tick >= self._following.next else NOTHING
+            return self._following.due(latest) if tick >= self._following.next else NOTHING
         elif tick < self._until or self.done:
             return NOTHING
         return self._go_on(tick, latest)
@@ -134,6 +167,8 @@ class Protocol:
         actions = self._finished()
         for step in self._steps:
             actions += self._begin(step, tick)
+            if isinstance(step, Follow) and self._following is not None:
+                actions += self._following.due(latest)
             condition = self._condition
             if condition is not None:
                 if not condition.met(float(latest[condition.column])):
@@ -183,8 +218,11 @@ class Protocol:
             self._condition = Condition(step, self._columns[step.sensor], self._frame_ns)
             self._until = tick + step.timeout // self._frame_ns
         elif isinstance(step, Follow):
-            self._following = Following(step, tick, self._frame_ns)
-            return self._following.due()
+            if step.file is None:
+                columns = {name: self._columns[sensor] for name, sensor in step.channels.items()}
+                self._following = FollowingSensors(columns, tick)
+            else:
+                self._following = Following(step, step.file, tick, self._frame_ns)
         elif isinstance(step, Knock):
             self._current = step if step.duration else None
             return [Strike(step.impulse, step.duration or 0)]
@@ -216,7 +254,8 @@ class Protocol:
             return f"{step.step} {step.target} to {_value(step):g} {unit}{within}"
         if isinstance(step, Follow):
             ways = ", ".join(f"{name} follows {channel}" for name, channel in step.channels.items())
-            return f"{ways} of {step.file} for {step.duration / 1e9:g} s"
+            of = "" if step.file is None else f" of {step.file}"
+            return f"{ways}{of} for {(step.time or step.duration) / 1e9:g} s"
         if isinstance(step, Hold):
             return f"hold for {step.time / 1e9:g} s"
         if isinstance(step, Wait):

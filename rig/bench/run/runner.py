@@ -26,6 +26,7 @@ from rig.bench.run.faulty_sensors import FaultySensors
 from rig.bench.run.heard_over_links import ROOM, HeardOverLinks, Hearing
 from rig.bench.run.measurements import Measurements
 from rig.bench.run.plant_truth import Bands, Truth
+from rig.bench.run.played_streams import PlayedStreams
 from rig.bench.run.rig_variants import RigVariant, RigVariants, Wanted
 from rig.compiled.records import Loan
 from rig.controllers import controller_drives, controller_reads
@@ -42,6 +43,7 @@ from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import CHUNK, Bank
 from rig.sensors.chain.instants import Stream
+from rig.sensors.stream import streams
 from rig.solve.control_loop import controller_tables
 from rig.solve.forces import RandomNumbers
 from rig.solve.frames import Surroundings
@@ -97,9 +99,23 @@ class PlantRunner:
 
     `truthful`: keep all outputs at every sample step (`truth`) and all measurements (`measurements`). `piece`: number
     of frames computed at once, or of all frames of a truthful run; memory is allocated for them from the start.
+    `measured`: recorded samples of the streams of the scene (rig.sensors.stream), which are published again; empty if
+    the caller gives them to the bank. Without it a scene with streams raises UsageError.
     """
 
-    def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        truthful: bool = False,
+        piece: int = 1,
+        measured: Mapping[str, Samples] | None = None,
+    ) -> None:
+        if measured is None and (names := streams(scene.sensors)):
+            name = next(iter(names))
+            raise UsageError(
+                f"sensors.{name}: a stream is measured while a run keeps pace with the clock: rig run {scene.name}, "
+                "without --lockstep. Everywhere else give it another kind that reads the same output, or leave it out"
+            )
         self.frame_ns = scene.frame_ns
         self.step_ns = scene.step_ns
         self.steps = self.frame_ns // self.step_ns
@@ -127,6 +143,7 @@ class PlantRunner:
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, 8 * CHUNK if truthful else CHUNK)
         broken = {name: fault for name, fault in scene.faults.items() if isinstance(fault, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
+        self._played = PlayedStreams(scene, self.bank, measured) if measured else None
         sections = scene.controllers.values()
         reads = sum(len(controller_reads(section)) for section in sections)
         drives = sum(len(controller_drives(section)) for section in sections)
@@ -175,6 +192,8 @@ class PlantRunner:
         self.bank.start(motion.outputs_now()[: self._needs].copy())
         if self._faulty_sensors is not None:
             self._faulty_sensors.apply()
+        if self._played is not None:
+            self._played.apply(0)
         self.truth = (
             Truth(motion.outputs_now(), motion.key, self.step_ns, self._piece * self.steps) if self._truthful else None
         )
@@ -234,12 +253,18 @@ class PlantRunner:
         ahead = None if faulty is None else faulty.ahead(self.tick)
         if ahead is not None:
             most = min(most, max(ahead, 1))
+        played = self._played
+        ahead = None if played is None else played.ahead(self.tick)
+        if ahead is not None:
+            most = min(most, ahead)
         try:
             self._look = self._carry(most)
         finally:
             self.tick = self.motion.tick // self.steps
         if faulty is not None:
             faulty.apply()
+        if played is not None:
+            played.apply(self.tick)
         if self.truth is None:
             self.state_samples.follow(self.motion, self.scene, self.outputs)
         if self.tick >= self.state_samples.due:
@@ -501,7 +526,7 @@ class ResumedRunner(PlantRunner):
     """
 
     def __init__(self, scene: Scene, resumption: Resumption, frames: int) -> None:
-        super().__init__(scene, truthful=True, piece=frames)
+        super().__init__(scene, truthful=True, piece=frames, measured=resumption.measurements)
         self._resumption = resumption
         self._recorded = [resumption.measurements[name] for name in self.bank.names]
         self.state_samples.begin(resumption.tick, resumption.tick * self.frame_ns * 1e-9)

@@ -26,7 +26,7 @@ from rig.controllers.blocks.base import Controller, gets_every_sample, is_elsewh
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.skipped import SkippedSteps
 from rig.errors import ControllerFailed, NumericsError, UsageError
-from rig.record.run import Commands, Run
+from rig.record.run import Commands, Run, Samples
 from rig.scenes.protocol import Connect, Disconnect, Repeat
 from rig.scenes.scene import Scene
 from rig.structure import model_store
@@ -43,6 +43,7 @@ class Recorded(NamedTuple):
 
     Before tick `end` no command of a controller counts; without `end` none in the whole run. `skipped`: controller ->
     the steps before `end` that it did not answer. `whole`: controllers whose recorded commands count after `end`, too.
+    `measured`: samples of the sensors; those of streams are published again (rig.sensors.stream).
 
     `resumption`: where to begin to simulate; before that measurements are played. None: at the begin.
     """
@@ -53,6 +54,7 @@ class Recorded(NamedTuple):
     resumption: Resumption | None = None
     skipped: Mapping[str, SkippedSteps] = MappingProxyType({})
     whole: Collection[str] = ()
+    measured: Mapping[str, Samples] | None = None
 
 
 def simulate(
@@ -169,10 +171,11 @@ def begun(
     recorded: Recorded | None = None,
     before: Callable[[Experiment], object] = lambda _: None,
     guests: Mapping[str, Guest] = NOBODY,
+    measured: Mapping[str, Samples] | None = None,
 ) -> tuple[Experiment, list[ControllerInProcess]]:
     """A run in this process at its first tick, and its controllers.
 
-    `before` is called with the experiment before it is opened.
+    `before` is called with the experiment before it is opened. `measured`: see `PlantRunner`.
     """
     loops = {name: loop_of(name, controller) for name, controller in controllers.items()}
     loops |= {name: loop_of(name, guest.controller) for name, guest in guests.items()}
@@ -182,8 +185,10 @@ def begun(
             loops[name].retune(changes)
 
     frames = (duration_ns or 0) // scene.frame_ns
+    if recorded is not None:
+        measured = recorded.measured
     if recorded is None or recorded.resumption is None:
-        runner = PlantRunner(scene, truthful=True, piece=frames)
+        runner = PlantRunner(scene, truthful=True, piece=frames, measured=measured)
     else:
         runner = ResumedRunner(scene, recorded.resumption, frames)
     experiment = Experiment(

@@ -148,6 +148,14 @@ class Bank:
         kept = self._fronts["kept"][i]
         return self._samples[i, kept - self.fresh[i] : kept]
 
+    def give(self, i: int, value: float) -> None:
+        """Let instrument i, whose samples are `given`, publish `value` from its sample of the last frame on."""
+        front = self._fronts[i]
+        front["offset"] = value
+        if self.fresh[i]:
+            self.latest[i] = value
+            self._samples[i, front["kept"] - 1] = value
+
     def since(self, i: int, number: int) -> NDArray[np.float64]:
         """Samples [sample] of instrument i from sample `number` on: a view. The last sample is always stored."""
         kept, published = self._numbers
@@ -277,6 +285,8 @@ class Bank:
         s["most"] = self._most[i]
         for key in ("averages", "holds", "direct", "gain", "offset", "slope", "warmth", "fade", "rise", "noise"):
             s[key] = getattr(end, key)
+        if self._sections[i].given:
+            s["gain"] = 0.0
         s["low"] = end.low
         s["high"] = end.high
         s["resolution"] = end.resolution

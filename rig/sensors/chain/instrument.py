@@ -33,6 +33,8 @@ class Instrument(Section):
     perfect: ClassVar[dict[str, Any]] = {"delay": 0, "gain_error": 0.0, "offset": 0.0}  # flaw -> value without it
     part_of: ClassVar[dict[str, str]] = {}  # key -> the flaw of which it is a detail
 
+    given: ClassVar[bool] = False  # whether a run gives it its samples, measured on a real rig
+
     reads: str = Field(min_length=1)
     rate: Rate = 1000.0
     delay: Delay = 0
