@@ -134,7 +134,7 @@ proto:
 
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --fork-strategy fewest
 lock:
-	$(LOCK) --extra cluster --extra data --extra fmi --extra gym --extra measurements --extra view --extra web --group dev --group build pyproject.toml -o requirements-dev.lock
+	$(LOCK) --extra cluster --extra data --extra fmi --extra gym --extra measurements --extra remote --extra view --extra web --group dev --group build pyproject.toml -o requirements-dev.lock
 	$(LOCK) --constraint requirements-dev.lock --extra view --extra web --group build pyproject.toml -o requirements.lock
 	$(LOCK) --constraint requirements-dev.lock --group site -o requirements-site.lock
 
