@@ -9,7 +9,7 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from rig.extras import needed
@@ -51,7 +51,7 @@ class Authority:
         self._curves = needed("cryptography.hazmat.primitives.asymmetric.ec", "remote")
         self._hashes = needed("cryptography.hazmat.primitives.hashes", "remote")
         self._forms = needed("cryptography.hazmat.primitives.serialization", "remote")
-        now = datetime.now(timezone.utc).replace(microsecond=0)
+        now = datetime.now(UTC).replace(microsecond=0)
         self.begins = now - _BEFORE
         self.ends = now + max(timedelta(seconds=lasts_s) + _AFTER, _LEAST)
         self._name = self._called(name)
