@@ -184,6 +184,14 @@ GROUPS = {
             _most("verdict", "VALID", 0.0, "verdict"),
         ),
     ),
+    "remote": Group(
+        "controller and recorder on another host (a namespace of the network) by TLS, paced at 1 kHz, in turns",
+        lambda asked: remote.measured(10.0 if asked.quick else 60.0, 1 if asked.quick else 3),
+        (
+            _most("p99_ratio", "step to command over TLS, 99th percentile", 1.5, "of the unix socket"),
+            _most("verdict", "VALID", 0.0, "verdict"),
+        ),
+    ),
     "pages": Group(
         f"rig web: a paced run at 1 kHz with {pages.PAGES} pages without a browser, and one with a page in Chromium",
         lambda asked: pages.pages(10.0 if asked.quick else 30.0),

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import psutil
 import pytest
-from cable import Cable
+from cable import cable_or_skip
 from patience import wait_for
 from remote_run import SCENE, Elsewhere, RemoteRun
 
@@ -29,7 +29,7 @@ def _compiled():
 
 @pytest.fixture
 def cable():
-    made = Cable()
+    made = cable_or_skip()
     yield made
     made.remove()
 
