@@ -20,6 +20,7 @@ from benchmarks import (
     one_contact,
     pages,
     recording,
+    remote,
     structures,
     studies,
     twins,
@@ -185,7 +186,7 @@ GROUPS = {
         ),
     ),
     "remote": Group(
-        "controller and recorder on another host (a namespace of the network) by TLS, paced at 1 kHz, in turns",
+        "controller and recorder in another namespace by TLS, paced at 1 kHz, in turns with this host",
         lambda asked: remote.measured(10.0 if asked.quick else 60.0, 1 if asked.quick else 3),
         (
             _most("p99_ratio", "step to command over TLS, 99th percentile", 1.5, "of the unix socket"),

@@ -271,6 +271,10 @@ def _heard(pattern: str, run: str | None, ticket: Path | None, listen: float) ->
 def web(
     port: Port = 0,
     no_open: Annotated[bool, Option("", "Print the address only; do not open the browser.")] = False,
+    ticket: Annotated[
+        Path | None,
+        Option("FILE", "Show the run on another host whose operator has this ticket: docs/remote.md.", "--ticket"),
+    ] = None,
 ) -> None:
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
@@ -283,7 +287,7 @@ def web(
     _check_web("rig web")
     from rig.web.server import serve
 
-    serve(port, not no_open, _say)
+    serve(port, not no_open, _say, ticket)
 
 
 def _check_web(what: str) -> None:
