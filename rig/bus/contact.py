@@ -33,6 +33,9 @@ def reach(ticket: Ticket, path: Path) -> None:
     trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:
         trusting.load_verify_locations(cadata=ticket.authority)
+    except (ssl.SSLError, ValueError):
+        raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host") from None
+    try:
         with (
             socket.create_connection((host, port), _ANSWER_S) as plain,
             trusting.wrap_socket(plain, server_hostname=host),

@@ -12,6 +12,7 @@ import base64
 import errno
 import json
 import os
+import shutil
 import socket
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -134,6 +135,7 @@ def issue(run: str, listener: Listener, reserved: Iterable[str]) -> tuple[dict[s
     authority = Authority(f"rig {run}", listener.lasts_s)
     own = authority.server(parted(listener.endpoint)[0])
     where = tickets_of(run)
+    shutil.rmtree(where, ignore_errors=True)  # of a run of this name whose plant was killed
     where.mkdir(mode=0o700)
     files = {}
     for seat in listener.seats:
