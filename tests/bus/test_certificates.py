@@ -80,6 +80,26 @@ def test_the_fingerprint_is_that_of_the_certificate() -> None:
     assert not is_address("bench.example")
 
 
+def test_the_certificates_of_the_page_serve_a_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lines of docs/remote.md; scheduler and workers of dask show one file each, as server and as client."""
+    page = (Path(__file__).parents[2] / "docs" / "remote.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    exec(page.partition("```python\n")[2].partition("```")[0], {})
+    server, client = (ssl.SSLContext(side) for side in (ssl.PROTOCOL_TLS_SERVER, ssl.PROTOCOL_TLS_CLIENT))
+    for context, host in ((server, "192.168.7.2"), (client, "192.168.7.3")):
+        own = tmp_path / f"{host}.pem"
+        assert own.stat().st_mode & 0o777 == 0o600
+        context.load_verify_locations(tmp_path / "ca.pem")
+        context.load_cert_chain(own)
+        context.verify_mode = ssl.CERT_REQUIRED
+    near, far = socket.socketpair()
+    thread = threading.Thread(target=lambda: server.wrap_socket(far, server_side=True).close())
+    thread.start()
+    with near, client.wrap_socket(near, server_hostname="192.168.7.2") as secured:
+        assert secured.version() == "TLSv1.3"
+    thread.join()
+
+
 def test_without_the_library_the_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
