@@ -79,7 +79,7 @@ def open_hub(
         bus_user = invite(address.run, controllers, remote)
         with dictionary(address.run) as users:
             more = bounds(address.run, bus_user, users, remote)
-            files = {}
+            files: dict[str, Path] = {}
             if listener is not None:
                 from rig.bus import tickets  # imports ssl: only runs that other hosts can reach wait for it
 

@@ -137,7 +137,7 @@ def issue(run: str, listener: Listener, reserved: Iterable[str]) -> tuple[dict[s
     where = tickets_of(run)
     shutil.rmtree(where, ignore_errors=True)  # of a run of this name whose plant was killed
     where.mkdir(mode=0o700)
-    files = {}
+    files: dict[str, Path] = {}
     for seat in listener.seats:
         user = user_of(seat)
         held = authority.client(user)
