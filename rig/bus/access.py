@@ -73,9 +73,7 @@ def _reserved(users: Iterable[str]) -> frozenset[str]:
 def invite(run: str, names: Iterable[str], remote: Iterable[str] = ()) -> BusUser:
     """Create the users of a run and return that of its plant; `names` are those of its controllers.
 
-    `remote`: users of tickets, beside those that every run has.
-
-    Raises BusError for a name that is malformed or taken.
+    `remote`: users of tickets, beside those that every run has. Raises BusError for a name that is malformed or taken.
     """
     names = list(names)
     wrong = [
