@@ -366,7 +366,7 @@ class Plant:
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names, and later lines of the run."""
         self.say = say
-        tickets = self.session.tickets
+        tickets = {f"controller {seat}": ticket for seat, ticket in self.session.tickets.items()}
         present = self.hub.watch.present
         deadline = time.monotonic() + self.job.wait
         shown = ""
@@ -375,14 +375,14 @@ class Plant:
             if self._stopping() or self.housekeeper.orphaned():
                 return
             waited = [who for who in missing if who not in self.operator.excused]
-            away = [who for who in waited if who.removeprefix("controller ") in tickets]
+            away = [who for who in waited if who in tickets]
             late = time.monotonic() >= deadline and not away  # a ticket is carried to its host by hand
             if not waited or self.operator.begun or late:
                 self.housekeeper.miss(missing)
                 if boards := [who for who in missing if who.removeprefix("controller ") in self.boards]:
                     raise DeviceError(f"{', '.join(boards)} is not here: a run does not begin without its board")
                 break
-            named = [f"{who} (ticket {tickets[who[11:]]})" if who in away else who for who in waited]
+            named = [f"{who} (ticket {tickets[who]})" if who in away else who for who in waited]
             text = f"waiting for {', '.join(named)}"
             if text != shown:
                 shown = text
