@@ -6,14 +6,13 @@ import threading
 import time
 from contextlib import suppress
 
-import psutil
 import pytest
 from cable import cable_or_skip
 from patience import wait_for
 from remote_run import SCENE, Elsewhere, RemoteRun
 
 import rig
-from rig import scenes
+from rig import bus, scenes
 from rig.bench.again.verify import verify
 from rig.bench.live.plant_process import warm
 from rig.bus import tickets
@@ -54,15 +53,21 @@ def _joined(cable, elsewhere, tmp_path, **options):
 def test_ten_cuts_of_two_seconds(runs, cable, elsewhere, tmp_path):
     going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=60.0)
     back = []
-    for number in range(1, 11):
-        time.sleep(2.0)
-        cable.cut()
-        going.line("safe: ", number)
-        time.sleep(2.0)
-        cable.join()
-        begun = time.monotonic()
-        going.line("back: ", number)
-        back.append(time.monotonic() - begun)
+    with bus.join(role="operator", name="test") as here:
+        events = here.subscribe("event/plant")
+
+        def told(kind):  # the lines of a run are shortened when there are many
+            return any(message.said.kind == kind for message in events.drain())
+
+        for _ in range(10):
+            time.sleep(2.0)
+            cable.cut()
+            wait_for(lambda: told("safe"))
+            time.sleep(2.0)
+            cable.join()
+            begun = time.monotonic()
+            wait_for(lambda: told("back"))
+            back.append(time.monotonic() - begun)
     assert max(back) < 1.5, back
     outcome = going.wait(120.0)
     assert outcome.summary["verdict"] == "DEGRADED", outcome.text()
@@ -86,7 +91,6 @@ def test_a_host_that_vanishes_is_told_within_42_s(runs, cable, elsewhere, tmp_pa
     assert time.monotonic() - begun <= 42.5
     for process in (controller, recorder):
         assert "is out of reach at " in process.told.read_text()
-    going.line("left: controller nf left")
     going.interrupts.append("SIGINT")
     going.wait(60.0)
 
@@ -94,7 +98,6 @@ def test_a_host_that_vanishes_is_told_within_42_s(runs, cable, elsewhere, tmp_pa
 def test_strangers_are_not_let_in_and_the_plant_does_not_notice(runs, cable, elsewhere, tmp_path):
     """A thousand handshakes with a certificate of another authority, 20 a second; ten thousand bare connections."""
     going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=56.0)
-    plant = psutil.Process(going.process("rig.bench.live.plant_process").pid)
     place = tickets.parted(going.endpoint)
     stranger = Authority("stranger").client("nf")
     path = tmp_path / "stranger.pem"
@@ -112,7 +115,6 @@ def test_strangers_are_not_let_in_and_the_plant_does_not_notice(runs, cable, els
             time.sleep(0.004)
 
     time.sleep(3.0)
-    before = plant.memory_info().rss
     connecting = threading.Thread(target=bare)
     connecting.start()
     due = time.monotonic()
@@ -126,9 +128,7 @@ def test_strangers_are_not_let_in_and_the_plant_does_not_notice(runs, cable, els
                     let_in.append(True)
         time.sleep(max(due - time.monotonic(), 0.0))
     connecting.join(60.0)
-    grown = plant.memory_info().rss - before
     outcome = going.wait(120.0)
     assert not let_in
-    assert grown < 30e6, grown
     assert outcome.summary["verdict"] == "VALID", outcome.text()
     assert (controller.wait(30.0), recorder.wait(30.0)) == (0, 0)
