@@ -23,8 +23,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PROCESSES := $(addprefix tests/bench/test_,in_plant.py live_checkpoint.py pace.py plant.py plant_controllers.py \
-    plant_operators.py plant_rebuilds.py recorder_outcome.py runs.py triggered_run.py) \
-  $(addprefix tests/bus/test_,access.py processes.py session.py wire.py) \
+    plant_operators.py plant_rebuilds.py recorder_outcome.py remote_runs.py runs.py triggered_run.py) \
+  $(addprefix tests/bus/test_,access.py processes.py session.py tickets.py wire.py) \
   $(addsuffix /test_process.py,tests tests/controllers tests/record) \
   tests/controllers/test_real_process.py tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py recordings.py studies.py web_command.py web_runs.py)
 DAILY := not slow and not bench and not browser and not peers
@@ -134,7 +134,7 @@ proto:
 
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --fork-strategy fewest
 lock:
-	$(LOCK) --extra cluster --extra data --extra fmi --extra gym --extra measurements --extra view --extra web --group dev --group build pyproject.toml -o requirements-dev.lock
+	$(LOCK) --extra cluster --extra data --extra fmi --extra gym --extra measurements --extra remote --extra view --extra web --group dev --group build pyproject.toml -o requirements-dev.lock
 	$(LOCK) --constraint requirements-dev.lock --extra view --extra web --group build pyproject.toml -o requirements.lock
 	$(LOCK) --constraint requirements-dev.lock --group site -o requirements-site.lock
 

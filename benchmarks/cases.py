@@ -20,6 +20,7 @@ from benchmarks import (
     one_contact,
     pages,
     recording,
+    remote,
     structures,
     studies,
     twins,
@@ -181,6 +182,14 @@ GROUPS = {
         (
             _most("p99_ratio", "step to command, 99th percentile", 1.5, "of the shipped controller"),
             _most("missed", "steps without an answer", 0.0, "steps"),
+            _most("verdict", "VALID", 0.0, "verdict"),
+        ),
+    ),
+    "remote": Group(
+        "controller and recorder in another namespace by TLS, paced at 1 kHz, in turns with this host",
+        lambda asked: remote.measured(10.0 if asked.quick else 60.0, 1 if asked.quick else 3),
+        (
+            _most("p99_ratio", "step to command over TLS, 99th percentile", 1.5, "of the unix socket"),
             _most("verdict", "VALID", 0.0, "verdict"),
         ),
     ),

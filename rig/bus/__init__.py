@@ -30,43 +30,67 @@ last one received.
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import BusError
 
 if TYPE_CHECKING:
     from rig.bus.port import Session
+    from rig.bus.tickets import Listener
 
 TOLD = "-"
 """In place of a run's name: see `join`."""
 
 
 def host(
-    run: str | None = None, scene: str = "run", endpoint: str | None = None, controllers: Iterable[str] = ()
+    run: str | None = None,
+    scene: str = "run",
+    endpoint: str | None = None,
+    controllers: Iterable[str] = (),
+    listener: Listener | None = None,
 ) -> Session:
     """Open the session of the plant, which is the hub of a new run.
 
     The run is named after the scene and the time, unless `run` is given. `controllers` reserves names: only a process
-    that joins as a controller of that name can publish under it. Raises BusError if the name is taken.
+    that joins as a controller of that name can publish under it. `listener`: where other hosts reach the run, too.
+    Raises BusError if the name is taken.
     """
     from rig.bus import address  # only processes that use the bus load protobuf and Zenoh
     from rig.bus.link import open_hub
 
-    return open_hub(address.reserve(run, scene, endpoint), controllers)
+    return open_hub(address.reserve(run, scene, endpoint), controllers, listener)
 
 
-def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:
+def join(
+    run: str | None = None,
+    *,
+    role: str,
+    name: str,
+    wait: float = 0.0,
+    ticket: Path | None = None,
+    say: Callable[[str], object] = lambda _: None,
+) -> Session:
     """Join a live run, by default the only one; wait at most `wait` seconds for it to appear. Raises BusError.
 
     `TOLD` as `run`: the first line of standard input is its name. A supervisor starts its processes before the plant
     has one, because their imports take as long as the plant's.
+    `ticket`: the file that lets this process join a run of another host (rig.bus.tickets); by default, without `run`,
+    the one that the environment variable RIG_TICKET names. `say` gets a line when the connection to that host is lost.
     `session.name` differs from `name` if the run already has a recorder or viewer of that name.
     """
     from rig.bus import address
-    from rig.bus.link import open_leaf
+    from rig.bus.link import open_leaf, open_ticket
 
+    if run is None and ticket is None and (named := os.environ.get("RIG_TICKET")):
+        ticket = Path(named)
+    if ticket is not None:
+        if run is not None:
+            raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
+        return open_ticket(ticket, role, name, wait, say)
     if run == TOLD:
         run = sys.stdin.readline().strip()
         if not run:

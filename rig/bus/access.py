@@ -18,7 +18,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +31,8 @@ from rig.machine import files
 
 GUESTS = 16
 COMMON = ("recorder", "viewer", "operator")
+REMOTE = {"recorder": "remote-recorder", "viewer": "remote-viewer"}
+"""Seat of a ticket (rig.bus.tickets) -> its user: beside the recorder and the viewer on the plant's host."""
 SESSIONS = 64
 ACCEPT_MS = 500
 FROM_LEAVES = 1 << 20
@@ -38,6 +40,12 @@ FROM_LEAVES = 1 << 20
 SHORT = 1 << 16
 """Longest message [bytes] that the hub accepts from a process."""
 _DICTIONARY = ".dictionary"
+_HERE = ["unixsock-stream", "tcp"]  # links that no other host can reach (rig.bus.address)
+
+
+def user_of(seat: str) -> str:
+    """The user that has the seat of a ticket."""
+    return REMOTE.get(seat, seat)
 
 
 @dataclass
@@ -62,19 +70,21 @@ def _reserved(users: Iterable[str]) -> frozenset[str]:
     return frozenset({"plant", *(user for user in users if not inbound.is_guest(user))})
 
 
-def invite(run: str, names: Iterable[str]) -> BusUser:
+def invite(run: str, names: Iterable[str], remote: Iterable[str] = ()) -> BusUser:
     """Create the users of a run and return that of its plant; `names` are those of its controllers.
 
-    Raises BusError for a name that is malformed or taken.
+    `remote`: users of tickets, beside those that every run has. Raises BusError for a name that is malformed or taken.
     """
     names = list(names)
-    wrong = [n for n in names if not topics.is_name(n) or inbound.is_guest(n) or n in ("plant", *COMMON)]
+    wrong = [
+        n for n in names if not topics.is_name(n) or inbound.is_guest(n) or n in ("plant", *COMMON, *REMOTE.values())
+    ]
     if wrong:
         taken = f"plant, {', '.join(COMMON)} and guest-... are taken"
         raise BusError(
             f"{', '.join(map(repr, wrong))} cannot name a controller; use letters, digits, '_', '.', '-'; {taken}"
         )
-    users = [*COMMON, *names, *(f"guest-{i + 1}" for i in range(GUESTS))]
+    users = [*dict.fromkeys([*COMMON, *names, *remote]), *(f"guest-{i + 1}" for i in range(GUESTS))]
     here = folder(run)
     shutil.rmtree(here, ignore_errors=True)
     here.mkdir(mode=0o700)
@@ -104,6 +114,8 @@ def take_user(run: str, role: str, name: str) -> BusUser:
             if (user := _sit(here, name, name, reserved)) is not None:
                 return user
             if role == "controller":
+                if (ticket := here.with_suffix(".tickets") / f"{name}.ticket").exists():
+                    raise BusError(f"the seat of controller {name} of run {run} has the ticket {ticket}: use --ticket")
                 raise BusError(
                     f"a controller {name} is already connected to run {run}: end its process first, if it has its own"
                 )
@@ -138,8 +150,11 @@ def dictionary(run: str) -> Iterator[Path]:
         path.unlink()
 
 
-def rules(run: str) -> dict[str, Any]:
-    """Zenoh's access rules for the users of a run; what they do not allow is denied."""
+def rules(run: str, remote: Collection[str] = ()) -> dict[str, Any]:
+    """Zenoh's access rules for the users of a run; what they do not allow is denied.
+
+    `remote`: users that may also come by TLS, with a certificate that bears their name.
+    """
     prefix = f"rig/{run}/"
     loop = f"loop/{run}/"
     users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
@@ -162,7 +177,12 @@ def rules(run: str) -> dict[str, Any]:
         # A refusal uses the key of the query, which does not contain the user name of the guest.
         if inbound.is_guest(user):
             policies[-1]["rules"].append("refuse")
-    subjects = [{"id": user, "usernames": [user]} for user in users]
+    subjects: list[dict[str, Any]] = [{"id": user, "usernames": [user], "link_protocols": _HERE} for user in users]
+    for user in remote:
+        subjects.append(
+            {"id": f"{user} by TLS", "usernames": [user], "cert_common_names": [user], "link_protocols": ["tls"]}
+        )
+        policies += [{**policy, "subjects": [f"{user} by TLS"]} for policy in policies if user in policy["subjects"]]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
 
 
@@ -177,11 +197,14 @@ def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, 
     return {"id": name, "messages": what, "flows": [flow], "permission": "allow", "key_exprs": keys}
 
 
-def bounds(run: str, own: BusUser, users: Path) -> dict[str, Any]:
-    """The hub's settings for users, access rules and limits of message size and number of sessions."""
+def bounds(run: str, own: BusUser, users: Path, remote: Collection[str] = ()) -> dict[str, Any]:
+    """The hub's settings for users, access rules and limits of message size and number of sessions.
+
+    `remote`: see `rules`.
+    """
     limit = {"id": "size", "flows": ["ingress"], "messages": ["put", "delete", "query", "reply"]}
     return {
-        "access_control": rules(run),
+        "access_control": rules(run, remote),
         "transport/auth/usrpwd/dictionary_file": str(users),
         **login(own),
         "transport/unicast/max_sessions": SESSIONS,

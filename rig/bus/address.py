@@ -177,7 +177,8 @@ def _clear(path: Path) -> None:
     listening = path.with_suffix(".sock")
     for leftover in (listening, listening.with_suffix(".sock.lock"), path):
         leftover.unlink(missing_ok=True)
-    shutil.rmtree(path.with_suffix(".users"), ignore_errors=True)
+    for inner in (".users", ".tickets"):
+        shutil.rmtree(path.with_suffix(inner), ignore_errors=True)
 
 
 def is_live(run: str) -> bool:

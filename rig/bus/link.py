@@ -1,8 +1,9 @@
 """Opens the Zenoh sessions of a run: a star with the plant as hub.
 
-The plant is a Zenoh `peer` with one listener on a private unix socket (or on the loopback device). Every other process
-is a `client` of it: clients that were peers would not see each other. There is no other listener and no discovery;
-Zenoh's default configuration would listen on all interfaces.
+The plant is a Zenoh `peer` with one listener on a private unix socket (or on the loopback device), and for other hosts,
+if its user asks for it, a second one by TLS. Every other process is a `client` of it: clients that were peers would not
+see each other. There is no other listener and no discovery; Zenoh's default configuration would listen on all
+interfaces.
 """
 
 from __future__ import annotations
@@ -10,16 +11,20 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from rig.bus import messages, port, session
-from rig.bus.access import bounds, dictionary, invite, login, take_user
+from rig.bus.access import bounds, dictionary, invite, login, take_user, user_of
 from rig.bus.address import Reservation, RunAddress
-from rig.errors import BusError
+from rig.errors import BusError, RigError
+
+if TYPE_CHECKING:
+    from rig.bus.tickets import Listener
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
 _OTHERS = ", ".join(f"{other}: (handover: app)" for other in ("acc", "net", "rx", "tx"))
@@ -59,22 +64,39 @@ def configuration(mode: str, listen: str | None, connect: str | None, **more: An
     return config
 
 
-def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> port.Session:
-    """Open the plant's session. Raises BusError if another process listens at its address."""
+def open_hub(
+    reservation: Reservation, controllers: Iterable[str] = (), listener: Listener | None = None
+) -> port.Session:
+    """Open the plant's session; with a `listener` other hosts can reach it, too.
+
+    Raises BusError if another process listens at its address.
+    """
     address = reservation.address
+    endpoints = [address.endpoint] if listener is None else [address.endpoint, listener.endpoint]
+    seats = () if listener is None else listener.seats
+    remote = [user_of(seat) for seat in seats]
     try:
-        bus_user = invite(address.run, controllers)
+        bus_user = invite(address.run, controllers, remote)
         with dictionary(address.run) as users:
-            more = bounds(address.run, bus_user, users)
+            more = bounds(address.run, bus_user, users, remote)
+            files: dict[str, Path] = {}
+            if listener is not None:
+                from rig.bus import tickets  # imports ssl: only runs that other hosts can reach wait for it
+
+                files, by_tls = tickets.issue(address.run, listener, bus_user.reserved)
+                more |= {"listen/endpoints": endpoints, **by_tls}
             opened = zenoh.open(configuration("peer", address.endpoint, None, **more))
     except (zenoh.ZError, OSError) as fault:
         reservation.release()
-        raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
-    except BusError:
+        raise BusError(f"run {address.run} cannot listen at {' and '.join(endpoints)}: {_cause(fault)}") from None
+    except RigError:
         reservation.release()
         raise
     reservation.open()
-    return session.ZenohSession(address.run, "plant", bus_user, opened, reservation)
+    made = session.ZenohSession(address.run, "plant", bus_user, opened, reservation)
+    made.tickets = files
+    made.hold(remote)
+    return made
 
 
 def open_leaf(address: RunAddress, role: str, name: str) -> port.Session:
@@ -98,6 +120,41 @@ def open_leaf(address: RunAddress, role: str, name: str) -> port.Session:
         bus_user.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
     return session.ZenohSession(address.run, role, bus_user, opened, None)
+
+
+def open_ticket(path: Path, role: str, name: str, wait: float, say: Callable[[str], object]) -> port.Session:
+    """Open the session of a process of another host, which has a ticket; wait at most `wait` seconds for the run.
+
+    `say` gets a line when the connection is lost. Raises BusError.
+    """
+    from rig.bus import contact, tickets
+
+    ticket = tickets.read(path)
+    if ticket.seat != (name if role == "controller" else role):
+        whose = f"controller {name}" if role == "controller" else role
+        raise BusError(f"{path} is the ticket of {ticket.seat}, and not that of {whose}")
+    deadline = time.monotonic() + wait
+    while True:
+        try:
+            contact.reach(ticket, path)
+            break
+        except BusError:
+            if time.monotonic() >= deadline:
+                raise
+            time.sleep(0.2)
+    own = ticket.bus_user()
+    if role == "operator":
+        own.name = name
+    try:
+        opened = zenoh.open(configuration("client", None, ticket.endpoint, **login(own), **ticket.settings()))
+    except zenoh.ZError:
+        raise BusError(
+            f"run {ticket.run} refuses the user, the password or the certificate of {path}: copy the ticket again "
+            "from the plant's host"
+        ) from None
+    made = session.ZenohSession(ticket.run, role, own, opened, None)
+    made.depend(ticket, say)
+    return made
 
 
 def _probe(path: Path, run: str) -> None:

@@ -15,8 +15,9 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rig.bus import messages, topics
@@ -202,6 +203,22 @@ class Session(ABC):
         self._stand_ins: list[Session] = []
         self._batch = Batch(lambda rows: self._post(partial(self._put_batch, rows))) if user == "plant" else None
         self._batches: Publisher | None = None
+        self.tickets: Mapping[str, Path] = {}
+        """Of the plant: seat -> its ticket (rig.bus.tickets)."""
+
+    @property
+    def holds(self) -> dict[str, str]:
+        """On another host than the plant's, what the plant is told with the query `scene`: who takes a seat."""
+        return {}
+
+    @property
+    def gone(self) -> str:
+        """Why a plant on another host cannot be reached any more; "" while it can, and when it has ended in order."""
+        return ""
+
+    def seat(self, user: str, holder: str) -> None:
+        """Give `holder` the seat of a ticket; for the plant only. Raises BusError while another one has it."""
+        return  # within one process there are no tickets
 
     @abstractmethod
     def _publisher(self, topic: str) -> Publisher: ...

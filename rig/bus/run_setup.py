@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rig.bus.port import Session
@@ -70,14 +70,15 @@ class Setup:
 def fetch(session: Session, timeout: float = 10.0) -> Setup:
     """Query the plant for the setup of the session's run; wait at most `timeout` seconds until it can answer.
 
-    From now on the session can decode the `state` messages of this scene. Raises BusError.
+    From now on the session can decode the `state` messages of this scene. On another host than the plant's it takes the
+    seat of its ticket. Raises BusError, also if another process has this seat.
     """
     try:
-        setup = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
+        setup = Setup.from_json(session.ask("scene", session.holds, timeout, patient=True))
         session.inbound.learn(list(setup.outputs))
     except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
             f"the plant of run {session.run} describes its scene in an unknown form: {fault}; "
             "start all processes of a run from the same installation"
         ) from None
-    return setup
+    return replace(setup, core=scheduling.ANY) if session.holds else setup  # the core is one of the plant's host

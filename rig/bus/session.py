@@ -17,9 +17,9 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import zenoh
 
@@ -33,6 +33,10 @@ from rig.bus.publishers import Publisher
 from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.topics import HEADER, Arrived, Message
 from rig.errors import BusError
+
+if TYPE_CHECKING:
+    from rig.bus.contact import Contact
+    from rig.bus.tickets import Ticket
 
 _SLICE_S = 0.1
 """Longest delay of a signal [s]. # chosen"""
@@ -340,7 +344,55 @@ class ZenohSession(Session):
         self._declared: list[Any] = []
         self._sender = Sender()
         self._closed = False
+        self._held: list[BusUser] = []
+        """Users of tickets: no process of this host can take their seats."""
+        self._holders: dict[str, str] = {}
+        """User of a ticket -> the connection that has its seat."""
+        self._contact: Contact | None = None
         atexit.register(self.close)
+
+    def hold(self, users: Iterable[str]) -> None:
+        """Keep the seats of the users of tickets; for the plant only. Operators have none."""
+        for user in users:
+            if user != "operator":
+                self._held.append(take_user(self.run, "controller", user))
+                self._holders[user] = ""
+
+    def seat(self, user: str, holder: str) -> None:
+        """See `Session.seat`."""
+        if user in self._holders:
+            before = self._holders[user]
+            if before != holder and before in {str(link.zid) for link in self._zenoh.info.links()}:
+                raise BusError(
+                    f"the seat {user} is taken: another process uses this ticket, or has vanished in the last 30 s"
+                )
+            self._holders[user] = holder
+
+    def depend(self, ticket: Ticket, say: Callable[[str], object]) -> None:
+        """Be a session of another host than the plant's, with a ticket; `say` gets a line when the plant is lost."""
+        farewell = self._zenoh.declare_subscriber(f"{self._prefix}plant/total/plant", zenoh.handlers.RingChannel(1))
+        self._declared.append(farewell)
+        said: list[Any] = []
+
+        def over() -> bool:
+            with contextlib.suppress(zenoh.ZError):
+                said.extend(filter(None, [farewell.try_recv()]))
+            return bool(said)
+
+        from rig.bus.contact import Contact  # imports ssl: only processes of other hosts wait for it
+
+        info = self._zenoh.info
+        self._contact = Contact(ticket, lambda: bool([*info.links()]), over, say)
+
+    @property
+    def holds(self) -> dict[str, str]:
+        """See `Session.holds`."""
+        return {} if self._contact is None else {"holds": str(self._zenoh.info.zid())}
+
+    @property
+    def gone(self) -> str:
+        """See `Session.gone`."""
+        return "" if self._contact is None else self._contact.gone
 
     def _publisher(self, topic: str) -> Publisher:
         declared = self._zenoh.declare_publisher(
@@ -447,6 +499,8 @@ class ZenohSession(Session):
     @property
     def ended(self) -> bool:
         """See `Session.ended`."""
+        if self._contact is not None:
+            return self._contact.ended()
         return self._reservation is None and not is_live(self.run)
 
     def close(self) -> None:
@@ -463,7 +517,8 @@ class ZenohSession(Session):
             ending.join(_CLOSING_S)
         except RuntimeError:  # the interpreter is shutting down and starts no more threads
             self._end()
-        self._bus_user.release()
+        for bus_user in (self._bus_user, *self._held):
+            bus_user.release()
         if self._reservation is not None:
             self._reservation.release()
 

@@ -8,11 +8,12 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rig.cli import printing
 from rig.cli.build import JSON, Made, Told
-from rig.cli.options import Command, RunName, number
+from rig.cli.options import Command, RunName, Ticket, number
 from rig.errors import BusError, UsageError
 from rig.extras import check
 from rig.parameters import Argument, Option
@@ -56,6 +57,7 @@ def tune(
         Argument("VALUE", 'A number, or a number with a unit: "15 N". Without it: show the value.'),
     ] = None,
     run: RunName = None,
+    ticket: Ticket = None,
 ) -> Told:
     """Show or change a value of a live run. The change takes effect at the next step and is recorded.
 
@@ -66,7 +68,7 @@ def tune(
     """
     from rig import bus
 
-    with bus.join(run, role="operator", name="tune") as session:
+    with bus.join(run, role="operator", name="tune", ticket=ticket) as session:
         if key is None:
             return _tunable(session)
         process, inner = _owner(session, key)
@@ -88,67 +90,77 @@ def tune(
 Name = Annotated[str, Argument("NAME", "A controller of the run, connected or not.")]
 
 
-def connect(name: Name, run: RunName = None) -> None:
+def connect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     """Connect a controller of a live run to its actuators. The recording contains it, as a step of the protocol."""
-    _do("connect", run, f"{name} is connected from t = {{t:.3f}} s on: it drives its actuators", controller=name)
+    _do(
+        "connect", run, ticket, f"{name} is connected from t = {{t:.3f}} s on: it drives its actuators", controller=name
+    )
 
 
-def disconnect(name: Name, run: RunName = None) -> None:
+def disconnect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     """Disconnect a controller of a live run from its actuators. The recording contains it, as a step of the protocol.
 
     The actuators take the values of the protocol or of rig live tune. A controller
     that has left keeps its actuators until it is disconnected.
     """
     told = f"{name} is disconnected from t = {{t:.3f}} s on: its actuators take the values of the protocol"
-    _do("disconnect", run, told, controller=name)
+    _do("disconnect", run, ticket, told, controller=name)
 
 
-def pause(run: RunName = None) -> None:
+def pause(run: RunName = None, ticket: Ticket = None) -> None:
     """Pause a live run: no frame is computed until rig live resume, except by rig live step."""
-    _do("pause", run, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
+    _do("pause", run, ticket, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
 
 
-def resume(run: RunName = None) -> None:
+def resume(run: RunName = None, ticket: Ticket = None) -> None:
     """Continue a paused run."""
-    _do("resume", run, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
+    _do("resume", run, ticket, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
 
 
 def step(
     frames: Annotated[int, Option("N", "Number of frames.", low=1, high=10_000)] = 1,
     run: RunName = None,
+    ticket: Ticket = None,
 ) -> None:
     """Compute single frames of a paused run: with each one its controllers receive one step."""
-    _do("step", run, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
+    _do("step", run, ticket, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
 
 
 def stop(
     emergency: Annotated[bool, Option("", "Set all actuators to their safe values at once, then stop.")] = False,
     run: RunName = None,
+    ticket: Ticket = None,
 ) -> None:
     """End a live run in order. The recording contains it."""
     if emergency:
-        _do("emergency", run, "emergency stop at t = {t:.6f} s: all actuators go to their safe values, then it ends")
+        _do(
+            "emergency",
+            run,
+            ticket,
+            "emergency stop at t = {t:.6f} s: all actuators go to their safe values, then it ends",
+        )
     else:
-        _do("stop", run, "stopped at t = {t:.6f} s")
+        _do("stop", run, ticket, "stopped at t = {t:.6f} s")
 
 
 def knock(
     impulse: Annotated[str, Argument("IMPULSE", 'In N s, or with a unit: "0.02 N*s".')],
     run: RunName = None,
+    ticket: Ticket = None,
 ) -> None:
     """Apply an impulse to the body of a live run. The recording contains it."""
     size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
-    _do("knock", run, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
+    _do("knock", run, ticket, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
 
 
-def _do(what: str, run: str | None, told: str, unchanged: str = "", **more: Any) -> None:
+def _do(what: str, run: str | None, ticket: Path | None, told: str, unchanged: str = "", **more: Any) -> None:
     """Ask the plant to do something, and tell that it did, with the time `t` [s] and the run.
 
     `unchanged`: what is told if there was nothing to change.
     """
     from rig import bus
 
-    with bus.join(run, role="operator", name=what) as session:
+    with bus.join(run, role="operator", name=what, ticket=ticket) as session:
         answer = session.ask("cmd/plant", {"do": what, **more}, timeout=10.0)
     text = told if answer.get("changed", True) else unchanged
     printing.line(f"{text.format(t=float(answer['t_ns']) * 1e-9)}  (run {session.run})")
@@ -200,19 +212,19 @@ def _tunable(session: Session) -> Told:
     return listing(f"run {session.run}", dict(zip(columns, columns)), rows)
 
 
-def topic_ls(run: RunName = None, listen: For = 1.0) -> Told:
+def topic_ls(run: RunName = None, ticket: Ticket = None, listen: For = 1.0) -> Told:
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
 
-    heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, listen).items())]
+    heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, ticket, listen).items())]
     columns = ("topic", "message", "from", "heard", "about")
     rows = [dict(zip(columns, (name, of.message, of.sender, count, of.about))) for name, of, count in heard]
     return listing("", dict(zip(columns, columns)), rows)
 
 
-def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0) -> Told:
+def topic_hz(pattern: Pattern = "**", run: RunName = None, ticket: Ticket = None, listen: For = 2.0) -> Told:
     """Count messages per second of each topic, and lost messages."""
-    heard = sorted(_heard(pattern, run, listen).items())
+    heard = sorted(_heard(pattern, run, ticket, listen).items())
     rows = [{"topic": name, "hz": count / listen, "lost": lost} for name, (count, lost) in heard]
     return listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows)
 
@@ -220,6 +232,7 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0) ->
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
+    ticket: Ticket = None,
     count: Annotated[int, Option("", "Number of messages; 0: all, until the run ends or Ctrl-C.", low=0)] = 0,
 ) -> None:
     """Print messages as they arrive, one JSON object per line."""
@@ -229,7 +242,7 @@ def topic_echo(
     from rig.bus import run_setup
 
     stopped = nullcontext() if count else suppress(KeyboardInterrupt)  # without a count it has no end of its own
-    with bus.join(run, role="operator", name="echo") as session, stopped:
+    with bus.join(run, role="operator", name="echo", ticket=ticket) as session, stopped:
         receiver = session.subscribe(pattern)
         plant = session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
@@ -242,11 +255,11 @@ def topic_echo(
                 shown += 1
 
 
-def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int, int]]:
+def _heard(pattern: str, run: str | None, ticket: Path | None, listen: float) -> dict[str, tuple[int, int]]:
     """Topic -> messages received and lost within `listen` seconds."""
     from rig import bus
 
-    with bus.join(run, role="operator", name="topic") as session:
+    with bus.join(run, role="operator", name="topic", ticket=ticket) as session:
         receiver = session.subscribe(pattern, depth=1 << 16, polled=True)
         until = time.monotonic() + listen
         while time.monotonic() < until:
@@ -258,6 +271,10 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
 def web(
     port: Port = 0,
     no_open: Annotated[bool, Option("", "Print the address only; do not open the browser.")] = False,
+    ticket: Annotated[
+        Path | None,
+        Option("FILE", "Show the run on another host whose operator has this ticket: docs/remote.md.", "--ticket"),
+    ] = None,
 ) -> None:
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
@@ -270,7 +287,7 @@ def web(
     _check_web("rig web")
     from rig.web.server import serve
 
-    serve(port, not no_open, _say)
+    serve(port, not no_open, _say, ticket)
 
 
 def _check_web(what: str) -> None:

@@ -144,8 +144,23 @@ def _table(cells: list[Cell]) -> None:
 
 def doctor(
     scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
+    ticket: Annotated[
+        Path | None,
+        Option("FILE", "Measure the link to the plant of this ticket instead: docs/remote.md.", "--ticket"),
+    ] = None,
 ) -> Answer:
-    """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
+    """Measure this machine and predict which scenes run in real time with the timing verdict VALID.
+
+    With --ticket: measure the link to a plant on another host, and tell the
+    shortest period of a controller that it holds. Exit code 1: it holds none.
+    """
+    if ticket is not None:
+        from rig.qualify.remote_link import measure
+
+        if scene:
+            raise UsageError(f"--ticket {ticket}: measures a link and no scenes; leave {' '.join(scene)} out")
+        link = measure(ticket, printing.note)
+        return Answer(link, link.period_ms is not None)
     from rig.qualify.doctor import doctor as examine
 
     diagnosis = examine(report=printing.note, names=scene or ())

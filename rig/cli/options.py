@@ -150,6 +150,14 @@ Out = Annotated[
     Option("FILE", "Recording to write (MCAP). Default: a new file in recordings/runs.", check=new_recording),
 ]
 RunName = Annotated[str | None, Option("RUN", "Name of the run. Default: the only live run.", "--run")]
+Ticket = Annotated[
+    Path | None,
+    Option(
+        "FILE",
+        "Ticket of a run on another host (rig run --listen). Default: the file that RIG_TICKET names, if any.",
+        "--ticket",
+    ),
+]
 NewName = Annotated[str | None, Option("RUN", "Name of the run.", "--run")]
 Pace = Annotated[
     str | None,

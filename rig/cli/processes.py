@@ -20,6 +20,7 @@ from rig.cli.options import (
     Out,
     Pace,
     RunName,
+    Ticket,
     Wait,
     When,
     live_pace,
@@ -89,16 +90,18 @@ def control(
     overrides: Mapping[str, object],
     trust: bool,
     run: RunName = None,
+    ticket: Ticket = None,
     wait: Wait = 10.0,
 ) -> None:
     """Start one controller as a process: a controller of the scene, or your own from a file."""
     from rig.controllers.runtime.process import run as serve
 
-    serve(name, run, changes=overrides, wait=wait, trust=trust, say=printing.note)
+    serve(name, run, changes=overrides, wait=wait, trust=trust, ticket=ticket, say=printing.note)
 
 
 def record(
     run: RunName = None,
+    ticket: Ticket = None,
     out: Out = None,
     when: When = None,
     before: Before = None,
@@ -112,7 +115,7 @@ def record(
     chosen = trigger(when, before, after, most)
     from rig.record.recorder import record as write
 
-    recorded = write(run, out, wait=wait, replace=force, trigger=chosen, say=printing.note)
+    recorded = write(run, out, wait=wait, replace=force, trigger=chosen, ticket=ticket, say=printing.note)
     printing.line(recorded.text())
     if not recorded.complete:
         raise typer.Exit(ExitCode.FAILED)
@@ -121,6 +124,7 @@ def record(
 def view(
     log: ShownLog = None,
     run: RunName = None,
+    ticket: Ticket = None,
     web: Web = False,
     save: RerunFile = None,
     wait: Wait = 10.0,
@@ -130,13 +134,14 @@ def view(
     """Show a recording or a live run in rerun: the rig, its curves, events, commands and protocol."""
     refuse_all(
         (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
+        (log and ticket is not None, f"{log} and --ticket {ticket}: name a recording or a live run, not both"),
         (save and save.suffix != ".rrd", f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
     )
     check("rerun", "view", "rig view")
     if log is None:
         from rig.view.process import view as show
 
-        show(run, web=web, save=save, wait=wait, trust=trust, say=printing.note)
+        show(run, web=web, save=save, wait=wait, trust=trust, ticket=ticket, say=printing.note)
         return
     from rig.view.recording import view_run
 

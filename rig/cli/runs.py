@@ -33,6 +33,7 @@ from rig.cli.options import (
     live_pace,
     recording,
     refuse_all,
+    separated,
     share,
     the_scene,
     there,
@@ -46,6 +47,8 @@ from rig.parameters import Argument, Option
 from rig.units import number_or_text
 
 if TYPE_CHECKING:
+    from rig.bench.live.outcome import Pace as LivePace
+    from rig.bus.tickets import Listener
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
@@ -55,6 +58,23 @@ Web = Annotated[bool, Option("", "Show the run live on a page in the browser.", 
 Only = Annotated[
     list[str] | None,
     Option("NAMES", "Sensors and outputs that --figure draws over time, separated by commas.", "--only"),
+]
+Listen = Annotated[
+    str | None,
+    Option(
+        "tls/HOST:PORT",
+        "Let processes on other hosts join the run at this address of this host, each with a ticket: docs/remote.md.",
+        "--listen",
+    ),
+]
+Tickets = Annotated[
+    str | None,
+    Option(
+        "SEATS",
+        "With --listen: who joins from other hosts, separated by commas: controllers of the scene, recorder, viewer, "
+        "operator.",
+        "--tickets",
+    ),
 ]
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
@@ -116,6 +136,8 @@ def run(
     most: Most = None,
     budget: Budget = None,
     precision: Accuracy = None,
+    listen: Listen = None,
+    tickets: Tickets = None,
     *,
     figure: Path | None,
     force: bool,
@@ -132,6 +154,7 @@ def run(
     there(controllers, scene)
     drawable(names, scene)
     keeps_up(scene, factor)
+    listener = reached_at(listen, tickets, scene, duration, factor)
     scene = configured(scene, overrides, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
         from rig.record.windows import bound, refuse_existing
@@ -152,6 +175,7 @@ def run(
         replace=force,
         name=name,
         trigger=windows.options() if windows is not None else (),
+        listener=listener,
     )
 
     def draw(path: Path) -> None:
@@ -159,6 +183,26 @@ def run(
             _draw(outcome.log, path, names)
 
     return Answer(outcome, draw=draw, code=outcome.exit_code)
+
+
+def reached_at(
+    listen: str | None, tickets: str | None, scene: Scene, duration: float | None, pace: LivePace
+) -> Listener | None:
+    """Where other hosts reach the run, from --listen and --tickets; None without. Raises UsageError."""
+    if listen is None and tickets is None:
+        return None
+    seats = separated(tickets)
+    refuse_all(
+        (listen is None, f"--tickets {tickets}: needs --listen tls/HOST:PORT, where their holders reach the run"),
+        (not seats, f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator"),
+    )
+    from rig.bus.tickets import Listener
+
+    seconds = (scene.duration_ns or 0) / 1e9 if duration is None else duration
+    factor = 1.0 if pace is None or pace == "auto" else pace
+    listener = Listener(listen or "", tuple(dict.fromkeys(seats)), seconds / min(factor, 1.0))
+    listener.check([name for name in scene.controllers if name not in scene.in_plant])
+    return listener
 
 
 def listed(only: list[str] | None, figure: Path | None) -> list[str]:

@@ -33,6 +33,7 @@ _PAUSE_S = 0.005  # between two looks at messages: 200 a second. chosen
 TELL_S = 0.25  # between two messages of how far the recorder is. chosen
 _LAST_WORDS_S = 0.3  # for messages on the way when the plant has left. chosen
 _LEFT = "the plant left"
+_TOLD = "the recorder was told to stop"
 _NICE = 5  # of the thread that writes: behind those that control. chosen
 
 
@@ -74,7 +75,7 @@ class Recording:
         """Whether no message is known to be missing, and the end is known. A recording stopped by the user ends
         there.
         """
-        return not (self.lost or self.untold) and (self.totals or self.ended != _LEFT)
+        return not (self.lost or self.untold) and (self.totals or self.ended == _TOLD)
 
     def text(self) -> str:
         """Return the account as one line of text that begins with the path."""
@@ -105,16 +106,17 @@ def record(
     wait: float = 10.0,
     replace: bool = False,
     trigger: Trigger | None = None,
+    ticket: Path | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> Recording:
     """Record a live run, the only one by default, until it ends; `report` gets the account at the end.
 
     With a `trigger` only windows around its firings are recorded (rig.record.windows), and `say` gets a line for each.
-    Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,
-    raises OutputError; the run continues without a recording.
+    `ticket`: of a run on another host. Waits at most `wait` seconds for the run. A file that cannot be written, or that
+    exists and may not be `replace`d, raises OutputError; the run continues without a recording.
     """
     scheduling.stand_back(0)
-    with bus.join(run, role="recorder", name=name, wait=wait) as session:
+    with bus.join(run, role="recorder", name=name, wait=wait, ticket=ticket, say=say) as session:
         scheduling.receive_first()
         scheduling.stand_back(_NICE)  # this thread only: it writes, which may wait
         described = run_setup.fetch(session, wait)
@@ -187,7 +189,7 @@ class RunRecorder:
                 time.sleep(_PAUSE_S)
         while self._take():
             pass
-        recording = self._account(_LEFT if not stop.is_set() else "the recorder was told to stop")
+        recording = self._account(_TOLD if stop.is_set() else self._session.gone or _LEFT)
         self._writer.close(asdict(recording), self._summary)
         return recording
 

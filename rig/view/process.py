@@ -75,16 +75,18 @@ def view(
     wait: float = 10.0,
     trust: bool = False,
     name: str = "viewer",
+    ticket: Path | None = None,
     say: Callable[[str], object] = print,
 ) -> Viewing:
     """Show a live run, by default the only one, until it ends; wait at most `wait` seconds for it to start.
 
     It is shown in a window, or with `web` on a browser page whose address is printed, with `save` in a file (.rrd).
-    `trust` allows to run the code of parts from files that the run contains. Raises rig.errors.Untrusted for such parts
-    without it, BusError without a run, UsageError without a display, OutputError for a file that cannot be written.
+    `ticket`: of a run on another host. `trust` allows to run the code of parts from files that the run contains. Raises
+    rig.errors.Untrusted for such parts without it, BusError without a run, UsageError without a display, OutputError
+    for a file that cannot be written.
     """
     stand_back(_NICE)
-    with bus.join(run, role="viewer", name=name, wait=wait) as session:
+    with bus.join(run, role="viewer", name=name, wait=wait, ticket=ticket, say=say) as session:
         bridge = Bridge(session, wait, trust)
         with viewer.sink(session.run, bridge.drawing, until=None, save=save, web=web) as (rec, shown):
             if shown is not None and shown.page:
@@ -145,7 +147,7 @@ class Bridge:
         elif not watched():
             ended = "the window was closed"
         else:
-            ended = "the plant left"
+            ended = self._session.gone or "the plant left"
         counts = self.heard.counts
         return Viewing(
             run=self._session.run,

@@ -15,6 +15,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rig import bus
@@ -214,7 +216,8 @@ class Follower:
         summary  the summary of the plant        fault    why it cannot be followed, in words
         left     the last news
 
-    and `arrived(messages)` with everything that has arrived since its last call.
+    and `arrived(messages)` with everything that has arrived since its last call. `ticket`: that of an operator of a run
+    on another host.
     """
 
     def __init__(
@@ -224,6 +227,7 @@ class Follower:
         news: Callable[[str, Any], object],
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,
         trust: bool = False,
+        ticket: Path | None = None,
     ) -> None:
         self.run = run
         self.events: deque[dict[str, Any]] = deque(maxlen=KEPT)
@@ -231,6 +235,7 @@ class Follower:
         self._news = news
         self._arrived = arrived
         self._trust = trust
+        self._ticket = ticket
         self._operator: Session | None = None
         self._values: LiveValues | None = None
         self._stopped = threading.Event()
@@ -281,10 +286,12 @@ class Follower:
 
     def _follow(self) -> None:
         stand_back(_NICE)
+        joined = partial(bus.join, self.run if self._ticket is None else None, name="page", ticket=self._ticket)
+        role = "viewer" if self._ticket is None else "operator"  # one ticket opens one seat, here that of an operator
         try:
             with (
-                bus.join(self.run, role="viewer", name="page", wait=_JOIN_S) as session,
-                bus.join(self.run, role="operator", name="page") as operator,  # controllers answer operators only
+                joined(role=role, wait=_JOIN_S) as session,
+                joined(role="operator") as operator,  # controllers answer operators only
             ):
                 heard = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
                 plant = session.watch("plant/*")
@@ -302,7 +309,8 @@ class Follower:
                 frames = Frames(setup, system, picture)
                 self._news("setup", description(setup, scene, assembly, channels, Contacts(system).names, still))
                 values = LiveValues(operator, scene, assembly.inputs)
-                session.announce()
+                if role == "viewer":
+                    session.announce()
                 self._operator = operator
                 try:
                     plant.wait_for("plant", "plant", _JOIN_S)
@@ -323,9 +331,10 @@ class Follower:
             arrived = heard.drain()
             self._arrived(arrived)
             for message in arrived:
-                if message.topic == "total/plant":  # the plant collects the totals of all processes
+                counted = session.role == "viewer"  # the plant collects the totals of all that have a seat
+                if counted and message.topic == "total/plant":
                     session.publisher(f"total/{session.name}").put(session.totals(), message.t_ns)
-                elif message.topic == "event/plant" and message.said.kind == "verdict":
+                if message.topic == "event/plant" and message.said.kind == "verdict":
                     self._news("summary", json.loads(message.said.data))
             events = frames.add(message for message in arrived if not message.topic.startswith("total/"))
             self.events.extend(events)

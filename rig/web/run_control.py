@@ -20,7 +20,7 @@ from typing import Any
 
 from rig.bench.live import supervise
 from rig.bench.live.outcome import AUTO, Outcome, Pace
-from rig.bus import address
+from rig.bus import address, tickets
 from rig.bus.messages import FINGERPRINT
 from rig.bus.topics import Message
 from rig.errors import OutputError, RigError, UsageError
@@ -120,6 +120,16 @@ class RunControl:
             self._follow(live.run)
         self._changed()
         return self.state
+
+    def follow_ticket(self, ticket: Path) -> None:
+        """Follow a run on another host as its operator, with the ticket in a file. Raises BusError."""
+        run = tickets.read(ticket).run
+        with self._lock:
+            self._refuse_second()
+            self._begin(run, run, None, "")
+            self._facts |= {"run": run, "foreign": True}
+            self._follow(run, ticket=ticket)
+        self._changed()
 
     def leave(self, _: dict[str, Any]) -> dict[str, Any]:
         """Stop following a run of another terminal, which continues. Raises UsageError for a run of the page."""
@@ -298,7 +308,7 @@ class RunControl:
         self._lines.append(line)
         self._changed()
 
-    def _follow(self, run: str, trust: bool = False) -> None:
+    def _follow(self, run: str, trust: bool = False, ticket: Path | None = None) -> None:
         number = self._number
 
         def of_present(call: Callable[..., object]) -> Callable[..., None]:
@@ -311,7 +321,7 @@ class RunControl:
         frame = of_present(self._frame)
         news = of_present(self._told)
         arrived = of_present(self._arrived)
-        self._follower = Follower(run, frame, news, arrived, trust)
+        self._follower = Follower(run, frame, news, arrived, trust, ticket)
         self._follower.start()
 
     def _told(self, kind: str, content: Any) -> None:

@@ -199,10 +199,13 @@ class Server:
         asyncio.run(serve())
 
 
-def serve(port: int = 0, browser: bool = True, say: Callable[[str], object] = print) -> None:
+def serve(
+    port: int = 0, browser: bool = True, say: Callable[[str], object] = print, ticket: Path | None = None
+) -> None:
     """Serve the page until Ctrl-C; with `browser` open it there. The scene files are those of the working directory.
 
-    The first Ctrl-C ends the present run in order, a second one ends its processes at once. Raises UsageError.
+    The first Ctrl-C ends the present run in order, a second one ends its processes at once. `ticket`: that of an
+    operator of a run on another host, which the page shows. Raises UsageError, BusError.
     """
     if sys.platform != "win32":
         import resource
@@ -219,6 +222,8 @@ def serve(port: int = 0, browser: bool = True, say: Callable[[str], object] = pr
             # set from another thread: the main thread may hold the lock of the event
             threading.Thread(target=asked.set).start()
 
+        if ticket is not None:
+            server.bench.control.follow_ticket(ticket)
         with told_to_stop(stop):
             say(f"the bench is at {server.address}\nonly this address, with its token, opens it; Ctrl-C ends it")
             if browser:

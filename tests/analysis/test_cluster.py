@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from pool_works import counts, trial
 
 import rig as lab
 from rig.analysis.pool import Store, carry_out, cluster
+from rig.analysis.pool.cluster import compare_sources
+from rig.analysis.pool.work import sources
 from rig.analysis.studies import prepared, study
 from rig.errors import UsageError, WorkerError
 
@@ -128,6 +131,19 @@ def test_certificates_that_are_missing_are_told(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_worker_that_dies_while_it_is_asked_for_its_sources_is_no_other_version():
+    from distributed.comm import CommClosedError
+
+    answers = {"tls://a:1": sources(), "tls://b:1": CommClosedError("in <TLS>: Stream is closed")}
+    client = SimpleNamespace(run=lambda function, on_error: answers)
+    compare_sources(client, "tls://hub:8786")
+    answers["tls://c:1"] = "friction-rig 0.1.0, sources 000000000000"
+    with pytest.raises(
+        UsageError, match=r"tls://hub:8786: these workers have other sources [^b]*tls://c:1: friction-rig 0"
+    ):
+        compare_sources(client, "tls://hub:8786")
+
+
 def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processes, tmp_path):
     scheduler = processes.started[0]
     first = [processes.worker(), processes.worker()]

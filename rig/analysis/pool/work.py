@@ -25,7 +25,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +33,7 @@ from numpy.typing import NDArray
 
 from rig.compiled import kernel
 from rig.errors import UsageError, WorkerError
-from rig.machine import files
+from rig.machine import files, installation
 from rig.machine.files import DATA, contents, draft_of, regular, write_file
 from rig.record.provenance import blas, processor
 from rig.scenes.scene import Scene
@@ -180,14 +179,7 @@ class Schedule:
 @cache
 def sources() -> str:
     """Return version and hash (12 hex digits) of all sources and of what the kernels depend on."""
-    content = hashlib.sha256(kernel.source_key().encode())
-    for path in sorted(_ROOT.rglob("*.py")):
-        content.update(path.relative_to(_ROOT).as_posix().encode() + path.read_bytes())
-    try:
-        number = version("friction-rig")
-    except PackageNotFoundError:  # run from the sources without installation
-        number = "from sources"
-    return f"friction-rig {number}, sources {content.hexdigest()[:12]}"
+    return installation.described(kernel.source_key())
 
 
 def digest(scene: Scene, text: str) -> str:

@@ -48,6 +48,9 @@ class CommandInbox:
         self.round_trip = Spread()
         """Distribution of the time from sending a step to the arrival of an answer."""
         self._trips: list[int] = []
+        self.links = {name: Spread() for name in session.tickets}
+        """The same for each controller of another host."""
+        self._far: dict[str, list[int]] = {name: [] for name in self.links}
         self._put_at = [(-1, 0)] * _REMEMBERED  # tick and time [ns] of the steps sent last
         self.last_step = -1
         self.put_ns = 0
@@ -77,7 +80,8 @@ class CommandInbox:
                 answered = act.tick
                 tick, put_at = self._put_at[answered % _REMEMBERED]
                 if tick == answered:
-                    self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
+                    trips = self._far.get(name, self._trips)
+                    trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
                 return name, answered, tuple(act.values[:])  # a slice is read at once, not number by number
             why = "another one commands there" if name in self._voices else "not admitted"
             self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
@@ -143,9 +147,18 @@ class CommandInbox:
 
     def fold(self) -> None:
         """Add the recorded round trips to their distribution."""
-        trips = self._trips
+        waiting = {"": self._trips, **self._far}
         self._trips = []
-        self.round_trip.add(np.array(trips, np.int64))
+        self._far = {name: [] for name in self.links}
+        for name, trips in waiting.items():
+            durations = np.array(trips, np.int64)
+            self.round_trip.add(durations)
+            if name:
+                self.links[name].add(durations)
+
+    def by_link(self) -> dict[str, dict[str, float]]:
+        """Controller of another host -> its round trips [us], for the summary."""
+        return {name: spread.to_json() for name, spread in self.links.items() if spread.count}
 
     def unanswered(self, name: str) -> int:
         """Number of steps, since the first one, that a controller has not answered."""

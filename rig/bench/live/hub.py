@@ -60,8 +60,13 @@ class Hub:
         self.commands = CommandInbox(session, experiment.exchange, self._step, stamped=not waits)
         self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
-        text = setup.to_text().encode()
-        self._scene = session.serve("scene", lambda _: text)
+        self._text = setup.to_text().encode()
+        self._scene = session.serve("scene", self._described)
+
+    def _described(self, asked: Mapping[str, Any]) -> bytes:
+        """The description of the run; who asks from another host takes the seat of its ticket."""
+        self.session.seat(self._scene.asker, str(asked.get("holds", "")))
+        return self._text
 
     def look(self, timeout: float = 0.0) -> list[Presence]:
         """Processes that joined or left since the last call."""

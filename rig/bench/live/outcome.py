@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from rig.bench.live import status
 from rig.bench.live.timing import NOTHING_LOST
+from rig.bus.tickets import Listener
 from rig.controllers.device import Device, too_slow
 from rig.errors import DeviceError, ExitCode, UsageError
 from rig.scenes.scene import Scene
@@ -38,7 +39,7 @@ class Job:
     `duration`: simulated time [s]; by default the duration of the protocol. `expect`: role and
     name of the processes for which the first frame waits. `wait`: longest wait for them [s]. `parent`: id of the parent
     process; this process ends when the parent has ended. 0: none. `command`: the user's command line, for the
-    recording.
+    recording. `listener`: where other hosts reach the run; the wait for a controller with a ticket has no limit.
     """
 
     scene: str
@@ -52,6 +53,7 @@ class Job:
     wait: float = 20.0
     parent: int = 0
     command: tuple[str, ...] = ()
+    listener: Listener | None = None
 
     def __post_init__(self) -> None:
         if self.pace is not None and self.pace <= 0.0:
@@ -78,6 +80,8 @@ class Job:
         """The job from the JSON text of `to_json`."""
         fields = json.loads(text)
         fields["expect"] = tuple((role, name) for role, name in fields["expect"])
+        if fields["listener"] is not None:
+            fields["listener"] = Listener(**{**fields["listener"], "seats": tuple(fields["listener"]["seats"])})
         return cls(**{**fields, "command": tuple(fields["command"])})
 
 

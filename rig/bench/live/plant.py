@@ -140,6 +140,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
         "scheduling": plant.ahead.account if plant.ahead else "",
         "memory": plant.memory,
         "round_trip": hub.commands.round_trip.to_json(),
+        **({"links": links} if (links := hub.commands.by_link()) else {}),
         "loop": experiment.exchange.counters(),
         "controllers": counters,
         "lost": lost,
@@ -371,6 +372,7 @@ class Plant:
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names, and later lines of the run."""
         self.say = say
+        tickets = {f"controller {seat}": ticket for seat, ticket in self.session.tickets.items()}
         present = self.hub.watch.present
         deadline = time.monotonic() + self.job.wait
         shown = ""
@@ -379,12 +381,16 @@ class Plant:
             if self._stopping() or self.housekeeper.orphaned():
                 return
             waited = [who for who in missing if who not in self.operator.excused]
-            if not waited or self.operator.begun or time.monotonic() >= deadline:
+            away = [who for who in waited if who in tickets]
+            late = time.monotonic() >= deadline and not away  # a ticket is carried to its host by hand
+            if not waited or self.operator.begun or late:
                 self.housekeeper.miss(missing)
                 if boards := [who for who in missing if who.removeprefix("controller ") in self.boards]:
                     raise DeviceError(f"{', '.join(boards)} is not here: a run does not begin without its board")
                 break
-            if (text := f"waiting for {', '.join(waited)}") != shown:
+            named = [f"{who} (ticket {tickets[who]})" if who in away else who for who in waited]
+            text = f"waiting for {', '.join(named)}"
+            if text != shown:
                 shown = text
                 say(text)
             self.hub.look(0.02)

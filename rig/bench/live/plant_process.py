@@ -44,11 +44,14 @@ def carry_out(
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
-        with bus.host(job.run, scene.name, job.endpoint, scene.controllers) as session:
+        with bus.host(job.run, scene.name, job.endpoint, scene.controllers, job.listener) as session:
             plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "", sets)
             session.announce()
             tell("run", session.run)
             say(f"run {session.run}")
+            if job.listener is not None:
+                folder = next(iter(session.tickets.values())).parent
+                say(f"listens at {job.listener.endpoint}; tickets in {folder}: {', '.join(session.tickets)}")
             plant.gather(say)
             if asked:
                 raise Interrupted(f"stopped by {asked[0]} before the first frame")

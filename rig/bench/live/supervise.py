@@ -31,6 +31,7 @@ from rig.bench.live.outcome import CALLING, Job, Outcome, Pace, called
 from rig.bench.live.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
+from rig.bus.tickets import Listener
 from rig.controllers.device import Device
 from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
 from rig.extras import check
@@ -138,6 +139,7 @@ def run(
     command: Sequence[str] | None = None,
     interrupts: list[str] | None = None,
     begun: Callable[[str], object] = lambda run: None,
+    listener: Listener | None = None,
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended.
 
@@ -146,7 +148,7 @@ def run(
     for windows instead of the whole run. `say` gets lines; without it they go to standard error, under the live line.
     `command`: the command line that the recording states, by default that of this process. `interrupts`: a list that
     is looked at ten times a second; an entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run
-    when it can be joined.
+    when it can be joined. `listener`: where other hosts reach the run; it starts no controllers that have tickets.
     """
     address.directory()  # on a system without live runs this raises before anything starts
     if record and out is None:
@@ -170,6 +172,7 @@ def run(
         wait=JOIN_S,
         parent=os.getpid(),
         command=tuple(command or sys.argv),
+        listener=listener,
     )
     live = Live()
     interrupts = [] if interrupts is None else interrupts
@@ -234,7 +237,10 @@ class RunProcesses:
     def run(self, live: Live, interrupts: list[str]) -> Outcome:
         """Start the other processes, wait for the run, observe until the plant has ended, then end all others."""
         told = False
+        away = () if self.job.listener is None else self.job.listener.seats
         for who in self.job.expect:
+            if who[0] == "controller" and who[1] in away:
+                continue
             self.others[who] = Child(called(*who), self.arguments(*who), fed=True)
         self._recorder = self.others.get(RECORDER)
         while not self.name:

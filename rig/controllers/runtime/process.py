@@ -234,13 +234,15 @@ def run(
     changes: Mapping[str, object] | None = None,
     wait: float = 10.0,
     trust: bool = False,
+    ticket: Path | None = None,
     say: Callable[[str], object] = lambda _: None,
 ) -> None:
     """Run the controller `what`, a name in the scene or a file, in a live run (the only one by default).
 
     `changes`: parameters to begin with; of a file of another tool, all keys of its table. `trust`: run the code of
-    foreign parts of the run. Returns when the plant ends or on a signal to stop; raises RigError if it cannot begin or
-    the controller fails.
+    foreign parts of the run. `ticket`: of a run on another host. Returns when the plant ends or on a signal to stop;
+    raises RigError if it cannot begin, if the controller fails, or if a plant on another host cannot be reached any
+    more.
     """
     come_first()
     file = Path(what) if Path(what).suffix else None
@@ -249,7 +251,7 @@ def run(
         table = changes or {}
         changes = None
     name = file.stem if file is not None else what
-    with bus.join(run, role="controller", name=name, wait=wait) as session:
+    with bus.join(run, role="controller", name=name, wait=wait, ticket=ticket, say=say) as session:
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
@@ -270,6 +272,8 @@ def run(
             worker.follow(stop.is_set)
         counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
         say(f"{name} has left {session.run}: {counted}")
+        if session.gone:
+            raise BusError(session.gone)
 
 
 def main(arguments: list[str] | None = None) -> int:

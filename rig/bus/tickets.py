@@ -1,0 +1,223 @@
+"""Tickets: files with which processes on other hosts join a run, one for each seat.
+
+The plant then also listens by TLS, at one address of its host, and both sides show certificates of an authority that
+exists for this run alone (`rig.bus.certificates`). A seat is a controller of the scene, `recorder`, `viewer` or
+`operator`. Its ticket holds all that its process needs: the run, the address, user and password, certificates and key.
+Who has the file has the seat, so only its owner may read it. The folder of tickets is deleted with the run.
+"""
+
+from __future__ import annotations
+
+import base64
+import errno
+import json
+import os
+import shutil
+import socket
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rig import extras
+from rig.bus.access import BusUser, user_of
+from rig.bus.address import directory, folder
+from rig.bus.certificates import Authority
+from rig.bus.messages import FINGERPRINT
+from rig.errors import BusError, UsageError
+from rig.machine import installation
+
+SEATS = ("recorder", "viewer", "operator")
+"""Seats of every run, beside its controllers."""
+_PORTS = (1024, 65535)
+_TLS = "transport/link/tls/"
+_EVERYWHERE = ("0.0.0.0", "::", "*")
+
+
+def tickets_of(run: str) -> Path:
+    """The folder with the tickets of a run."""
+    return directory() / f"{run}.tickets"
+
+
+def parted(endpoint: str) -> tuple[str, int]:
+    """Host and port of an endpoint tls/HOST:PORT."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Where a run listens for processes of other hosts (tls/HOST:PORT), the seats that it has for them, and how long
+    it is planned to last [s].
+    """
+
+    endpoint: str
+    seats: tuple[str, ...]
+    lasts_s: float = 0.0
+
+    def check(self, controllers: Collection[str]) -> None:
+        """Raise UsageError if nobody can listen there, or if a seat is not there. `controllers`: those of the run."""
+        extras.check("cryptography", "remote", "rig run --listen")
+        given = f"--listen {self.endpoint}"
+        kind, _, rest = self.endpoint.partition("/")
+        host, _, port = rest.rpartition(":")
+        if kind != "tls" or not host or not port.isdecimal():
+            raise UsageError(
+                f"{given}: expected tls/HOST:PORT with the name or address under which other hosts reach this one, "
+                "such as tls/192.168.7.2:7450"
+            )
+        host = host.strip("[]")
+        if host in _EVERYWHERE:
+            raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
+        if not _PORTS[0] <= int(port) <= _PORTS[1]:
+            raise UsageError(f"{given}: the port must be {_PORTS[0]} to {_PORTS[1]}; those below belong to the system")
+        known = (*controllers, *SEATS)
+        if unknown := [seat for seat in self.seats if seat not in known]:
+            raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")
+        try:
+            kind_of_address, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
+            with socket.socket(kind_of_address) as tried:
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                tried.bind(address)
+                tried.listen()
+        except socket.gaierror:
+            raise UsageError(
+                f"{given}: no address is known for the name {host}; give an address of this host"
+            ) from None
+        except OSError as fault:
+            taken = fault.errno == errno.EADDRINUSE
+            other = "another process listens there; choose another port"
+            wrong = f"{fault.strerror}; give an address of this host"
+            raise UsageError(f"{given}: {other if taken else wrong}") from None
+
+
+@dataclass(frozen=True)
+class Ticket:
+    """What a process on another host needs to take its seat. Certificates and key are texts in PEM; times ISO 8601."""
+
+    run: str
+    endpoint: str
+    seat: str
+    user: str
+    password: str
+    reserved: tuple[str, ...]
+    """Names that guests cannot use (`rig.bus.access.BusUser`)."""
+    sources: str
+    """Version and sources of the plant's installation (`rig.machine.installation`)."""
+    speaks: str
+    """Fingerprint of its message types."""
+    begins: str
+    ends: str
+    authority: str
+    certificate: str
+    key: str
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Host and port of the plant."""
+        return parted(self.endpoint)
+
+    def bus_user(self) -> BusUser:
+        """The user of the bus that the ticket makes its holder."""
+        return BusUser(self.user, self.user, self.password, frozenset(self.reserved))
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of Zenoh with which its holder connects."""
+        return _settings("connect", self.authority, self.certificate, self.key)
+
+
+def issue(run: str, listener: Listener, reserved: Iterable[str]) -> tuple[dict[str, Path], dict[str, Any]]:
+    """Write the tickets of a run, whose users exist; return seat -> file, and the settings with which the hub listens.
+
+    `reserved`: names that guests cannot use. Raises OSError.
+    """
+    authority = Authority(f"rig {run}", listener.lasts_s)
+    own = authority.server(parted(listener.endpoint)[0])
+    where = tickets_of(run)
+    shutil.rmtree(where, ignore_errors=True)  # of a run of this name whose plant was killed
+    where.mkdir(mode=0o700)
+    files: dict[str, Path] = {}
+    for seat in listener.seats:
+        user = user_of(seat)
+        held = authority.client(user)
+        ticket = Ticket(
+            run=run,
+            endpoint=listener.endpoint,
+            seat=seat,
+            user=user,
+            password=(folder(run) / user).read_text(),
+            reserved=tuple(sorted(reserved)),
+            sources=installation.described(),
+            speaks=FINGERPRINT,
+            begins=authority.begins.isoformat(),
+            ends=authority.ends.isoformat(),
+            authority=authority.certificate,
+            certificate=held.certificate,
+            key=held.key,
+        )
+        files[seat] = where / f"{seat}.ticket"
+        with open(os.open(files[seat], os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
+            json.dump(asdict(ticket), file, indent=1)
+    return files, _settings("listen", authority.certificate, own.certificate, own.key)
+
+
+def _settings(side: str, authority: str, certificate: str, key: str) -> dict[str, Any]:
+    """The settings of Zenoh for one side of a connection on which both show certificates."""
+    return {
+        f"{_TLS}root_ca_certificate_base64": _base64(authority),
+        f"{_TLS}enable_mtls": True,
+        f"{_TLS}{side}_certificate_base64": _base64(certificate),
+        f"{_TLS}{side}_private_key_base64": _base64(key),
+    }
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
+def read(path: Path) -> Ticket:
+    """The ticket in a file. Raises BusError if it cannot be used on this host, now and with these sources."""
+    try:
+        status = path.stat()
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as fault:
+        why = fault.strerror if isinstance(fault, OSError) else "it is no text"
+        raise BusError(f"the ticket {path} cannot be read: {why}") from None
+    if status.st_mode & 0o077:
+        raise BusError(
+            f"the ticket {path} can be read by others (its mode is {status.st_mode & 0o777:o}), and holds a key: "
+            f"chmod 600 {path}"
+        )
+    try:
+        ticket = _whole(json.loads(text))
+        ends = datetime.fromisoformat(ticket.ends)
+        begins = datetime.fromisoformat(ticket.begins)
+    except (ValueError, TypeError, RecursionError):
+        raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host") from None
+    here = installation.described()
+    if ticket.sources != here or ticket.speaks != FINGERPRINT:
+        raise BusError(
+            f"the ticket {path} is of {ticket.sources:.80}, and this is {here}: install the same version on both hosts"
+        )
+    now = datetime.now(UTC)
+    if not begins <= now <= ends:
+        raise BusError(
+            f"the ticket {path} is valid from {ticket.begins} to {ticket.ends}, and the clock of this host says "
+            f"{now.isoformat(timespec='seconds')}: ask for a new ticket, or set the clock"
+        )
+    return ticket
+
+
+def _whole(values: Mapping[str, Any]) -> Ticket:
+    """The ticket of these values. Raises TypeError or ValueError if something is missing or of another type."""
+    texts = [field.name for field in fields(Ticket) if field.name != "reserved"]
+    reserved = values["reserved"] if isinstance(values, dict) and "reserved" in values else None
+    if not isinstance(reserved, list) or not all(isinstance(values.get(name), str) for name in texts):
+        raise ValueError
+    ticket = Ticket(**{**values, "reserved": tuple(map(str, reserved))})
+    host, port = ticket.place
+    pem = "-----BEGIN"
+    if not host or not port or not all(t.startswith(pem) for t in (ticket.authority, ticket.certificate, ticket.key)):
+        raise ValueError
+    return ticket

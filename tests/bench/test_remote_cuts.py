@@ -1,0 +1,134 @@
+"""Cables that are cut, hosts that vanish, and strangers that knock, during a paced run over TLS."""
+
+import socket
+import ssl
+import threading
+import time
+from contextlib import suppress
+
+import pytest
+from cable import cable_or_skip
+from patience import wait_for
+from remote_run import SCENE, Elsewhere, RemoteRun
+
+import rig
+from rig import bus, scenes
+from rig.bench.again.verify import verify
+from rig.bench.live.plant_process import warm
+from rig.bus import tickets
+from rig.bus.certificates import Authority
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    warm(scenes.load(SCENE))
+
+
+@pytest.fixture
+def cable():
+    made = cable_or_skip()
+    yield made
+    made.remove()
+
+
+@pytest.fixture
+def elsewhere(tmp_path, cable):
+    made = Elsewhere(tmp_path, cable.inside)
+    yield made
+    made.end()
+
+
+def _joined(cable, elsewhere, tmp_path, **options):
+    """A paced run with controller and recorder on the other host."""
+    going = RemoteRun(tmp_path, cable.here, out=tmp_path / "here.mcap", **options)
+    recorder = elsewhere.rig("live", "record", "--ticket", going.tickets["recorder"], "--out", "far.mcap")
+    wait_for(lambda: (tmp_path / "far.mcap").exists(), recorder.told.read_text)
+    controller = elsewhere.rig("live", "control", "nf", "--ticket", going.tickets["nf"])
+    going.line("begins with ")
+    return going, controller, recorder
+
+
+def test_ten_cuts_of_two_seconds(runs, cable, elsewhere, tmp_path):
+    going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=60.0)
+    back = []
+    with bus.join(role="operator", name="test") as here:
+        events = here.subscribe("event/plant")
+
+        def told(kind):  # the lines of a run are shortened when there are many
+            return any(message.said.kind == kind for message in events.drain())
+
+        for _ in range(10):
+            time.sleep(2.0)
+            cable.cut()
+            wait_for(lambda: told("safe"))
+            time.sleep(2.0)
+            cable.join()
+            begun = time.monotonic()
+            wait_for(lambda: told("back"))
+            back.append(time.monotonic() - begun)
+    assert max(back) < 1.5, back
+    outcome = going.wait(120.0)
+    assert outcome.summary["verdict"] == "DEGRADED", outcome.text()
+    assert controller.wait(30.0) == 0
+    code = recorder.wait(30.0)
+    assert code == (0 if "none lost" in recorder.told.read_text() else 1)  # two seconds may fit into the buffers
+    log = rig.open(tmp_path / "here.mcap")
+    commands = log.commands["nf"]
+    clock = scenes.load(SCENE).clock
+    ages = (commands.tick - commands.answered)[commands.status != 2]
+    assert ages.max() <= 1 + clock.hold_frames + 1
+    assert verify(tmp_path / "here.mcap").identical
+
+
+def test_a_host_that_vanishes_is_told_within_42_s(runs, cable, elsewhere, tmp_path):
+    going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=3600.0)
+    cable.cut()
+    begun = time.monotonic()
+    assert controller.wait(45.0) == 2
+    assert recorder.wait(45.0) == 1
+    assert time.monotonic() - begun <= 42.5
+    for process in (controller, recorder):
+        assert "is out of reach at " in process.told.read_text()
+    going.interrupts.append("SIGINT")
+    going.wait(60.0)
+
+
+def test_strangers_are_not_let_in_and_the_plant_does_not_notice(runs, cable, elsewhere, tmp_path):
+    """A thousand handshakes with a certificate of another authority, 20 a second; ten thousand bare connections."""
+    going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=56.0)
+    place = tickets.parted(going.endpoint)
+    stranger = Authority("stranger").client("nf")
+    path = tmp_path / "stranger.pem"
+    path.write_text(stranger.certificate + stranger.key)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    context.load_cert_chain(path)
+    let_in = []
+
+    def bare():
+        for _ in range(10_000):
+            with suppress(OSError):
+                socket.create_connection(place, 1.0).close()
+            time.sleep(0.004)
+
+    time.sleep(3.0)
+    connecting = threading.Thread(target=bare)
+    connecting.start()
+    due = time.monotonic()
+    for _ in range(1000):
+        due += 0.05
+        with suppress(OSError), socket.create_connection(place, 1.0) as plain:
+            with context.wrap_socket(plain) as secured:
+                secured.settimeout(1.0)
+                secured.send(b"hello")
+                if secured.recv(1):
+                    let_in.append(True)
+        time.sleep(max(due - time.monotonic(), 0.0))
+    connecting.join(60.0)
+    outcome = going.wait(120.0)
+    assert not let_in
+    assert outcome.summary["verdict"] == "VALID", outcome.text()
+    assert (controller.wait(30.0), recorder.wait(30.0)) == (0, 0)

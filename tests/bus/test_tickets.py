@@ -1,0 +1,427 @@
+"""Tickets: who gets in by TLS, who does not, and the line that each of them reads."""
+
+import dataclasses
+import json
+import socket
+import threading
+import time
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from rig import bus
+from rig.bus import certificates, contact, run_setup, tickets
+from rig.bus.run_setup import Setup
+from rig.bus.tickets import Listener
+from rig.errors import BusError, UsageError
+from rig.qualify import remote_link
+
+SEATS = ("nf", "recorder", "viewer", "operator")
+DESCRIBED = Setup("far", "{}", 1_000_000, 1_000_000, {}, {}, core=1)
+
+
+def _free_port():
+    with socket.socket() as asked:
+        asked.bind(("127.0.0.1", 0))
+        return asked.getsockname()[1]
+
+
+class Hosted:
+    """A run with tickets, in this process."""
+
+    def __init__(self, name="far", port=None, seats=SEATS):
+        self.listener = Listener(f"tls/127.0.0.1:{port or _free_port()}", seats, 5.0)
+        self.session = bus.host(name, controllers=["nf", "other"], listener=self.listener)
+        self._scene = self.session.serve("scene", self._describe)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self.session.announce()
+        self._thread.start()
+
+    def _describe(self, asked):
+        self.session.seat(self._scene.asker, asked.get("holds", ""))
+        return DESCRIBED.to_json()
+
+    def _serve(self):
+        while not self._stop.is_set():
+            self._scene.poll(0.02)
+
+    def ticket(self, seat="nf"):
+        return self.session.tickets[seat]
+
+    def close(self):
+        self._stop.set()
+        self._thread.join(5.0)
+        self.session.close()
+
+
+@pytest.fixture
+def hosted(runs):
+    made = Hosted()
+    yield made
+    made.close()
+
+
+def _join(ticket, role="controller", name="nf", **more):
+    return bus.join(role=role, name=name, ticket=ticket, **more)
+
+
+def _altered(hosted, tmp_path, of="nf", **changes):
+    """A copy of a ticket with other values."""
+    values = json.loads(hosted.ticket(of).read_text())
+    path = tmp_path / "altered.ticket"
+    path.touch(mode=0o600)
+    path.write_text(json.dumps(values | changes))
+    return path
+
+
+def test_a_ticket_is_of_its_owner_alone_and_vanishes_with_the_run(hosted):
+    path = hosted.ticket()
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+    hosted.close()
+    assert not path.parent.exists()
+
+
+def test_the_holder_takes_its_seat_and_the_second_one_is_refused(hosted):
+    with _join(hosted.ticket()) as first, _join(hosted.ticket()) as second:
+        assert run_setup.fetch(first).core == -1  # a core of the plant's host is none of this one
+        with pytest.raises(BusError, match=r"the seat nf is taken: another process uses this ticket"):
+            run_setup.fetch(second)
+        assert run_setup.fetch(first) == dataclasses.replace(DESCRIBED, core=-1)
+
+
+def test_of_two_that_start_at_once_one_is_refused(hosted):
+    told = []
+
+    def enter():
+        with _join(hosted.ticket()) as session:
+            barrier.wait(10.0)
+            try:
+                run_setup.fetch(session)
+                told.append("in")
+            except BusError:
+                told.append("out")
+            barrier.wait(10.0)
+
+    barrier = threading.Barrier(2)
+    entering = [threading.Thread(target=enter) for _ in range(2)]
+    for thread in entering:
+        thread.start()
+    for thread in entering:
+        thread.join(20.0)
+    assert sorted(told) == ["in", "out"]
+
+
+def test_a_seat_is_free_again_when_its_holder_has_left(hosted):
+    with _join(hosted.ticket()) as first:
+        run_setup.fetch(first)
+    deadline = time.monotonic() + 10.0
+    with _join(hosted.ticket()) as second:
+        while True:
+            try:
+                run_setup.fetch(second)
+                break
+            except BusError:
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+
+
+def test_a_seat_with_a_ticket_is_not_there_on_the_plants_host(hosted):
+    with pytest.raises(
+        BusError, match=r"the seat of controller nf of run far has the ticket .*nf.ticket: use --ticket"
+    ):
+        bus.join("far", role="controller", name="nf")
+    with bus.join("far", role="controller", name="other") as other:
+        assert other.user == "other"
+
+
+def test_recorder_and_viewer_leave_those_of_the_run_their_seats(hosted):
+    for seat in ("recorder", "viewer"):
+        with _join(hosted.ticket(seat), seat, seat) as far, bus.join("far", role=seat, name=seat) as here:
+            assert (far.name, here.name) == (f"remote-{seat}", seat)
+
+
+def test_a_ticket_opens_its_own_seat_only(hosted):
+    with pytest.raises(BusError, match=r"nf.ticket is the ticket of nf, and not that of recorder"):
+        _join(hosted.ticket(), "recorder", "recorder")
+    with pytest.raises(BusError, match=r"recorder.ticket is the ticket of recorder, and not that of controller nf"):
+        _join(hosted.ticket("recorder"))
+
+
+def test_a_certificate_is_bound_to_its_user(hosted, tmp_path):
+    """User and password of the operator with the certificate of nf: connected, and nobody hears it."""
+    certificate = {name: json.loads(hosted.ticket().read_text())[name] for name in ("certificate", "key")}
+    mixed = _altered(hosted, tmp_path, "operator", **certificate)
+    with _join(mixed, "operator", "tune") as session, pytest.raises(BusError, match="no process answered scene"):
+        session.ask("scene", {}, timeout=0.5)
+    with _join(hosted.ticket("operator"), "operator", "tune") as session:
+        assert session.ask("scene", {}, timeout=5.0)["run"] == "far"
+
+
+def test_a_user_without_a_ticket_cannot_come_by_tls(hosted, tmp_path):
+    """The password of `other`, which has no ticket, with the certificate of nf."""
+    password = (hosted.ticket().parents[1] / "far.users" / "other").read_text()
+    with _join(_altered(hosted, tmp_path, user="other", password=password)) as session:
+        with pytest.raises(BusError, match="no process answered scene"):
+            session.ask("scene", {}, timeout=0.5)
+
+
+def test_a_wrong_password_is_told(hosted, tmp_path):
+    with pytest.raises(BusError, match=r"run far refuses the user, the password or the certificate of .*: copy the"):
+        _join(_altered(hosted, tmp_path, password="wrong"))
+
+
+def test_a_ticket_of_a_run_that_has_ended(hosted, tmp_path):
+    old = _altered(hosted, tmp_path)
+    port = tickets.parted(hosted.listener.endpoint)[1]
+    hosted.close()
+    with pytest.raises(BusError, match=rf"nobody listens at 127.0.0.1:{port}: the run far has ended, or not begun"):
+        _join(old)
+    following = Hosted("next", port)
+    try:
+        with pytest.raises(BusError, match=r"another run than far listens at .*: ask for a ticket of that run"):
+            _join(old)
+    finally:
+        following.close()
+
+
+def test_another_program_at_the_address(hosted, tmp_path):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+
+        def answer():
+            with other.accept()[0] as there:
+                there.recv(1000)
+                there.send(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        port = other.getsockname()[1]
+        with pytest.raises(BusError, match=rf"what listens at 127.0.0.1:{port} is no run: another program"):
+            _join(_altered(hosted, tmp_path, endpoint=f"tls/127.0.0.1:{port}"))
+        thread.join(5.0)
+
+
+def test_a_name_that_the_certificate_lacks(hosted, tmp_path):
+    port = tickets.parted(hosted.listener.endpoint)[1]
+    with pytest.raises(BusError, match=rf"the run at localhost:{port} does not name localhost: use the address that"):
+        _join(_altered(hosted, tmp_path, endpoint=f"tls/localhost:{port}"))
+
+
+def test_a_ticket_that_others_can_read(hosted):
+    hosted.ticket().chmod(0o644)
+    with pytest.raises(BusError, match=r"can be read by others \(its mode is 644\), and holds a key: chmod 600 .*nf"):
+        _join(hosted.ticket())
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", "not JSON", '{"run": "far"}', '{"reserved": [], "run": 3}', "[" * 100_000], ids=len
+)
+def test_a_damaged_ticket(text, tmp_path):
+    path = tmp_path / "damaged.ticket"
+    path.touch(mode=0o600)
+    path.write_text(text)
+    with pytest.raises(BusError, match=r"damaged.ticket is damaged, or no ticket: copy it again from the plant's host"):
+        _join(path)
+
+
+def test_every_value_of_a_ticket_is_checked(hosted, tmp_path):
+    for name in json.loads(hosted.ticket().read_text()):
+        for wrong in (None, 7, {}):
+            with pytest.raises(BusError, match="is damaged"):
+                _join(_altered(hosted, tmp_path, **{name: wrong}))
+    for changes in ({"endpoint": "tls/nowhere"}, {"certificate": "none"}, {"begins": "yesterday"}, {"added": "x"}):
+        with pytest.raises(BusError, match="is damaged"):
+            _join(_altered(hosted, tmp_path, **changes))
+    _altered(hosted, tmp_path).write_bytes(b"\xff\xfe")
+    with pytest.raises(BusError, match="cannot be read: it is no text"):
+        _join(tmp_path / "altered.ticket")
+    with pytest.raises(BusError, match="nowhere cannot be read: No such file"):
+        _join(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", ["authority", "key"])
+def test_a_damaged_certificate(name, hosted, tmp_path):
+    text = json.loads(hosted.ticket().read_text())[name]
+    with pytest.raises(BusError, match=r"altered.ticket is damaged|refuses the user, the password or the certificate"):
+        _join(_altered(hosted, tmp_path, **{name: text[: len(text) // 2]}))
+
+
+def test_another_version(hosted, tmp_path):
+    with pytest.raises(
+        BusError, match=r"is of friction-rig 0.1.0, sources 0, and this is friction-rig .*: install the"
+    ):
+        _join(_altered(hosted, tmp_path, sources="friction-rig 0.1.0, sources 0"))
+    with pytest.raises(BusError, match=r"install the same version on both hosts"):
+        _join(_altered(hosted, tmp_path, speaks="other"))
+
+
+def test_a_ticket_of_another_time(hosted, tmp_path):
+    now = datetime.now(UTC)
+    for begins, ends in ((2, 3), (-3, -2)):
+        times = {"begins": (now + timedelta(days=begins)).isoformat(), "ends": (now + timedelta(days=ends)).isoformat()}
+        with pytest.raises(
+            BusError, match=r"is valid from .* and the clock of this host says .*: ask for a new ticket"
+        ):
+            _join(_altered(hosted, tmp_path, **times))
+
+
+@pytest.mark.parametrize("hours", [-1, 1])
+def test_clocks_an_hour_apart_do_no_harm(hours, runs, monkeypatch):
+    """The plant's clock is an hour behind or ahead: its certificates say so, and hold here."""
+
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + timedelta(hours=hours)
+
+    monkeypatch.setattr(certificates, "datetime", Clock)
+    hosted = Hosted()
+    try:
+        with _join(hosted.ticket()) as session:
+            assert run_setup.fetch(session).run == "far"
+    finally:
+        hosted.close()
+
+
+def test_run_and_ticket_exclude_each_other_and_the_environment_names_one(hosted, monkeypatch):
+    with pytest.raises(BusError, match=r"--run far: the ticket .*nf.ticket names the run; leave --run out"):
+        bus.join("far", role="controller", name="nf", ticket=hosted.ticket())
+    monkeypatch.setenv("RIG_TICKET", str(hosted.ticket("operator")))
+    with bus.join(role="operator", name="tune") as far, bus.join("far", role="operator", name="tune") as here:
+        assert (far.holds.keys(), here.holds) == ({"holds"}, {})
+
+
+def test_a_plant_that_is_gone_is_told(hosted, monkeypatch):
+    lines = []
+    with _join(hosted.ticket(), say=lines.append) as session:
+        run_setup.fetch(session)
+        assert not session.ended
+        hosted.close()
+        deadline = time.monotonic() + 10.0
+        while not session.ended:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        assert session.gone == f"the plant of run far is gone: nobody listens at {hosted.listener.endpoint} any more"
+        assert lines == [f"no connection to run far at {hosted.listener.endpoint}; trying again for 10 s"]
+
+
+def test_the_link_is_measured_beside_the_holder_of_the_seat(hosted):
+    with _join(hosted.ticket()) as holder:
+        run_setup.fetch(holder)
+        for seat in SEATS:
+            link = remote_link.measure(hosted.ticket(seat), lambda _: None, asked=20)
+            assert (link.asked, link.missed) == (20, 0)
+            assert 0.0 < link.p50 <= link.p99 <= link.worst
+            assert link.period_ms is None or link.p99 <= 0.8 * link.period_ms
+            first, second = link.text().splitlines()
+            assert first.startswith(f"run far at {hosted.listener.endpoint}: round trip ")
+            assert second.startswith("it holds ")
+
+
+class _Clock:
+    """Times that a test moves."""
+
+    CLOCK_BOOTTIME = 7
+
+    def __init__(self):
+        self.now = 100.0
+        self.slept = 3.0
+
+    def monotonic(self):
+        return self.now
+
+    def clock_gettime(self, which):
+        assert which == self.CLOCK_BOOTTIME
+        return self.now + self.slept
+
+
+@pytest.mark.parametrize(
+    ("slept", "address", "why"),
+    [
+        (0.0, "192.0.2.7", ""),
+        (95.0, "192.0.2.7", ": this computer slept for 95 s"),
+        (0.0, "192.0.2.9", ": the address of this computer was 192.0.2.7, and is 192.0.2.9 now"),
+    ],
+)
+def test_a_host_that_vanishes_is_told_after_the_lease_and_ten_seconds(
+    slept, address, why, hosted, tmp_path, monkeypatch
+):
+    """Nothing answers at the address of a host that is off; the clock of this test moves alone."""
+    clock = _Clock()
+    here = ["192.0.2.7"]
+
+    def silent(place, timeout):
+        raise TimeoutError
+
+    monkeypatch.setattr(contact, "time", clock)
+    monkeypatch.setattr(contact, "_local_address", lambda host, port: here[0])
+    monkeypatch.setattr(contact.socket, "create_connection", silent)
+    lines = []
+    ticket = tickets.read(hosted.ticket())
+    connected = [True]
+    watched = contact.Contact(ticket, lambda: connected[0], lambda: False, lines.append)
+    clock.now += 1000.0
+    assert not watched.ended()
+    connected[0] = False
+    clock.slept += slept
+    here[0] = address
+    assert not watched.ended()
+    clock.now += 9.0
+    assert not watched.ended()
+    assert lines == [f"no connection to run far at {ticket.endpoint}{why}; trying again for 10 s"]
+    clock.now += 2.0
+    assert watched.ended()
+    assert watched.gone == f"the plant of run far is out of reach at {ticket.endpoint}{why}"
+
+
+def test_a_connection_that_comes_back_is_no_end(hosted, monkeypatch):
+    clock = _Clock()
+    monkeypatch.setattr(contact, "time", clock)
+    connected = [False]
+    watched = contact.Contact(tickets.read(hosted.ticket()), lambda: connected[0], lambda: False, lambda _: None)
+    assert not watched.ended()
+    clock.now += 9.0
+    connected[0] = True
+    assert not watched.ended()
+    connected[0] = False
+    clock.now += 9.0
+    assert not watched.ended()
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "why"),
+    [
+        ("tcp/127.0.0.1:7450", r"expected tls/HOST:PORT with the name or address"),
+        ("127.0.0.1:7450", r"expected tls/HOST:PORT"),
+        ("tls/127.0.0.1", r"expected tls/HOST:PORT"),
+        ("tls/127.0.0.1:http", r"expected tls/HOST:PORT"),
+        ("tls/0.0.0.0:7450", r"name the one address or name of this host"),
+        ("tls/[::]:7450", r"name the one address or name of this host"),
+        ("tls/127.0.0.1:443", r"the port must be 1024 to 65535; those below belong to the system"),
+        ("tls/127.0.0.1:70000", r"the port must be 1024 to 65535"),
+        ("tls/192.0.2.7:7450", r"Cannot assign requested address; give an address of this host"),
+        ("tls/no.such.name.invalid:7450", r"no address is known for the name no.such.name.invalid"),
+    ],
+)
+def test_where_nobody_can_listen(endpoint, why):
+    with pytest.raises(UsageError, match=why) as told:
+        Listener(endpoint, ("nf",)).check(["nf"])
+    assert str(told.value).startswith(f"--listen {endpoint}: ")
+
+
+def test_an_address_in_use_and_a_seat_that_is_not_there(runs):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        endpoint = f"tls/127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(UsageError, match="another process listens there; choose another port"):
+            Listener(endpoint, ("nf",)).check(["nf"])
+        with pytest.raises(BusError, match=rf"cannot listen at .* and {endpoint}"):
+            bus.host("busy", controllers=["nf"], listener=Listener(endpoint, ("nf",)))
+    with pytest.raises(
+        UsageError, match="--tickets fn: the run has no such seat; it has nf, recorder, viewer, operator"
+    ):
+        Listener("tls/127.0.0.1:7450", ("fn",)).check(["nf"])
