@@ -1,0 +1,117 @@
+"""The robust design: designs polished over a growing set of worst rigs, until no worse rig is found.
+
+    designs from Latin hypercube points, the best of them polished against the set of rigs (rig.analysis.robust.polish)
+    worst rig of the best one (rig.analysis.robust.worst); if it is worse than stated, it joins the set
+    audit: random rigs of the box; if one is worse than stated, its ascent joins the set
+
+The nominal optimum is the same with the nominal rig alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.robust.polish import beyond
+from rig.analysis.robust.tasks import Found, Region, Tasks
+from rig.analysis.robust.worst import Worst, ascended, whole, worst
+
+Array = NDArray[np.float64]
+FIRST = 64
+"""Designs that are tried first."""
+AUDIT = 10_000
+"""Random rigs of the audit."""
+_NOMINAL = 5  # starts of the nominal optimum that are polished,
+_ROBUST = 4  # and of the robust design
+_ROUNDS = 12  # worst rigs that join the set, at most
+_SAME = 0.01  # of the growth: a worst rig that is worse by less is no news
+_AUDITS = 3
+_SURE = 1e-9
+
+
+class Designed(NamedTuple):
+    """A design x [free] with its worst rig, the value that the set of rigs gives it, the audit, and whether no worse
+    rig was found in the last round. `rounds`: (rigs in the set, value of the set, growth of the worst rig).
+    """
+
+    x: Array
+    worst: Worst
+    stated: float
+    audit: Found | None
+    settled: bool
+    rigs: Array
+    rounds: tuple[tuple[int, float, float], ...]
+
+
+def nominal_optimum(tasks: Tasks, seed: int) -> Array:
+    """Return the design [free] with the smallest growth of the nominal rig."""
+    rig = tasks.growth.box.centre[None]
+    X = _starts(tasks, rig, _NOMINAL, seed)
+    return tasks.polished(X, rig)[0][0]
+
+
+def robust(
+    tasks: Tasks, seed: int, also: Sequence[Array] = (), region: Region | None = None, audit: int = AUDIT
+) -> Designed:
+    """Return the design whose worst rig in a region (by default the stated box) grows least.
+
+    `also`: designs [free] that are tried as well.
+    """
+    box = tasks.growth.box
+    region = whole(len(box.uncertain)) if region is None else region
+    centre = np.clip(box.centre, *region)
+    first = np.unique(np.array([centre, region.low, region.high]), axis=0)
+    X = np.vstack([_starts(tasks, first, _ROBUST, seed), *also])
+    U = centre[None]
+    rounds: list[tuple[int, float, float]] = []
+    best: tuple[float, Array, Worst, float] | None = None
+    found: Found | None = None
+    settled = False
+    audits = 0
+    for _ in range(_ROUNDS):
+        X, values = tasks.polished(X, U)
+        x, stated = X[0], float(values[0])
+        bad = worst(tasks, x, region, U)
+        settled = not _worse(bad.growth, stated)
+        if settled and audits < _AUDITS:
+            found = audited(tasks, x, region, seed + audits, audit)
+            audits += 1
+            if _worse(float(found.growth.max()), max(bad.growth, stated)):
+                bad = ascended(tasks, x, region, found.u, found.growth)
+                settled = False
+        rounds.append((len(U), stated, bad.growth))
+        value = bad.growth + beyond(x, tasks.limits)
+        if best is None or value < best[0]:
+            best = (value, x, bad, stated)
+        if settled:
+            break
+        U = np.vstack([U, bad.u])
+        X = X[: max(1, len(X) - 1)]
+    assert best is not None
+    _, x, bad, stated = best
+    return Designed(x, bad, stated, found if settled else None, settled, U, tuple(rounds))
+
+
+def audited(tasks: Tasks, x: Array, region: Region, seed: int, count: int = AUDIT) -> Found:
+    """Return the growth of random rigs of a design in a region."""
+    shares = tasks.growth.box.draws(np.random.default_rng([seed, 1]), count)
+    return tasks.growths(x, region.low + (region.high - region.low) * shares)
+
+
+def _worse(growth: float, stated: float) -> bool:
+    return growth > stated + _SAME * abs(stated) + _SURE
+
+
+def _starts(tasks: Tasks, U: Array, count: int, seed: int) -> Array:
+    """The best [count, free] of designs that fill the ranges, by their largest growth over rigs U and their limits."""
+    from scipy.stats import qmc
+
+    chance = np.random.default_rng(seed)
+    X = qmc.LatinHypercube(len(tasks.growth.box.free), rng=chance).random(FIRST)
+    every = tasks.growths(np.repeat(X, len(U), axis=0), np.tile(U, (len(X), 1)))
+    values = every.growth.reshape(len(X), len(U)).max(axis=1)
+    values = values + [beyond(x, tasks.limits) for x in X]
+    return X[np.argsort(values, kind="stable")[:count]]
