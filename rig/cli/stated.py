@@ -31,6 +31,7 @@ SEVERAL: Mapping[str, Callable[[list[str] | None, str], object]] = {
     "KEY=VALUE": changes,
     "KEY=VALUES": assigned,
     "KEY=FROM:TO": assigned,
+    "KEY=RANGE": assigned,
     '"ACTUATOR = CHANNEL"': assigned,
     '"CHANNEL = SIMULATED, FACTOR"': assigned,
 }

@@ -10,6 +10,7 @@ Values of a rig are errors of the rig that nobody knows of; values of a design a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -59,25 +60,26 @@ class Uncertain:
         low, high = self.ends
         deviation = low + (high - low) * share
         value = centre * (1.0 + deviation) if self.relative else centre + deviation
-        return round(value / self.step) * self.step if self.step else value
+        return max(round(value / self.step), 0) * self.step if self.step else value
 
     def shares(self, values: Array) -> Array:
         """The coordinates of drawn values (SI), those of a tail moved to the end of the box."""
         low, high = self.axis.values
         return np.clip((values - low) / (high - low), 0.0, 1.0)
 
-    def text(self) -> str:
-        """The range as text: "+-2 %", or its two ends."""
-        low, high = self.ends
-        if self.given is not None:
+    def text(self, low: float = 0.0, high: float = 1.0) -> str:
+        """The range between two coordinates as text: "+-2 %", or its two ends."""
+        if self.given is not None and (low, high) == (0.0, 1.0):
             return str(self.given)
-        if self.relative or self.free:
-            scale = 0.01 if self.relative else self.axis.scale
-            unit = "%" if self.relative else self.axis.shown
-            if low == -high:
-                return f"+-{high / scale:.6g} {unit}"
-            return f"{low / scale:.6g} to {high / scale:.6g} {unit}"
-        return f"{self.axis.text(self.axis.values[0])} to {self.axis.text(self.axis.values[1])}"
+        if not (self.relative or self.free):
+            ends = sorted(self.value(share, None) for share in (low, high))
+            return f"{self.axis.text(ends[0])} to {self.axis.text(ends[1])}"
+        first, last = (self.ends[0] + (self.ends[1] - self.ends[0]) * share for share in (low, high))
+        scale = 0.01 if self.relative else self.axis.scale
+        unit = "%" if self.relative else self.axis.shown
+        if math.isclose(first, -last, rel_tol=1e-9):
+            return f"+-{last / scale:.4g} {unit}"
+        return f"{first / scale:.4g} to {last / scale:.4g} {unit}"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ The nominal optimum is the same with the nominal rig alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -54,11 +55,17 @@ def nominal_optimum(tasks: Tasks, seed: int) -> Array:
 
 
 def robust(
-    tasks: Tasks, seed: int, also: Sequence[Array] = (), region: Region | None = None, audit: int = AUDIT
+    tasks: Tasks,
+    seed: int,
+    also: Sequence[Array] = (),
+    region: Region | None = None,
+    audit: int = AUDIT,
+    target: float = -math.inf,
 ) -> Designed:
     """Return the design whose worst rig in a region (by default the stated box) grows least.
 
-    `also`: designs [free] that are tried as well.
+    `also`: designs [free] that are tried as well. `target` [1/s]: a design whose worst rig grows by no more is good
+    enough, and the search ends where the set of rigs allows none.
     """
     box = tasks.growth.box
     region = whole(len(box.uncertain)) if region is None else region
@@ -75,18 +82,18 @@ def robust(
         X, values = tasks.polished(X, U)
         x, stated = X[0], float(values[0])
         bad = worst(tasks, x, region, U)
-        settled = not _worse(bad.growth, stated)
-        if settled and audits < _AUDITS:
+        settled = not _worse(bad.growth, stated) or bad.growth <= target
+        if settled and audit and audits < _AUDITS:
             found = audited(tasks, x, region, seed + audits, audit)
             audits += 1
-            if _worse(float(found.growth.max()), max(bad.growth, stated)):
+            if _worse(float(found.growth.max()), max(bad.growth, stated, target)):
                 bad = ascended(tasks, x, region, found.u, found.growth)
                 settled = False
         rounds.append((len(U), stated, bad.growth))
         value = bad.growth + beyond(x, tasks.limits)
         if best is None or value < best[0]:
             best = (value, x, bad, stated)
-        if settled:
+        if settled or stated > target > -math.inf:
             break
         U = np.vstack([U, bad.u])
         X = X[: max(1, len(X) - 1)]
@@ -109,6 +116,8 @@ def _starts(tasks: Tasks, U: Array, count: int, seed: int) -> Array:
     """The best [count, free] of designs that fill the ranges, by their largest growth over rigs U and their limits."""
     from scipy.stats import qmc
 
+    if not tasks.growth.box.free:
+        return np.zeros((1, 0))
     chance = np.random.default_rng(seed)
     X = qmc.LatinHypercube(len(tasks.growth.box.free), rng=chance).random(FIRST)
     every = tasks.growths(np.repeat(X, len(U), axis=0), np.tile(U, (len(X), 1)))

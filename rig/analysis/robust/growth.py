@@ -215,7 +215,7 @@ class Growth:
         return out
 
     def _changes(self, A: Array, x: Array, u: Array, of_rig: bool) -> list[Array]:
-        """The change of A with each coordinate of the rig or of the design; zero where the rig beside has another size, or none."""
+        """Changes of A over each coordinate of the rig or of the design; zero where A has another size beside."""
         at = u if of_rig else x
         out = []
         for i in range(len(at)):

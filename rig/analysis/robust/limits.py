@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.robust.box import Box
-from rig.errors import Faults, SceneError, UsageError
+from rig.errors import Faults, UsageError
 from rig.scenes.faults import near
-from rig.scenes.scene import Scene
 from rig.units import brief, same_unit, si
 
 Array = NDArray[np.float64]
@@ -38,13 +38,12 @@ class Limit:
         return float(self.slope @ x) + self.over
 
 
-def limits(scene: Scene, box: Box, given: Iterable[str]) -> tuple[Limit, ...]:
-    """Return the limits of a design of `scene`. Raises SceneError with every fault."""
+def limits(box: Box, given: Iterable[str]) -> tuple[Limit, ...]:
+    """Return the limits of a design. Raises UsageError with every fault."""
     faults = Faults()
     texts = [given] if isinstance(given, str) else [*given]
-    read = [faults(lambda text=text: _limit(box, text), None) for text in texts]  # type: ignore[misc]
-    if faults.found:
-        raise SceneError(scene.name, faults.found)
+    read = [faults(partial(_limit, box, text), None) for text in texts]
+    faults.raise_found()
     return tuple(limit for limit in read if limit is not None)
 
 
@@ -63,7 +62,9 @@ def _limit(box: Box, text: str) -> Limit:
             raise UsageError(f"limit {text}: {_FORM}; limits are linear")
         key = term["key"]
         if key not in keys:
-            raise UsageError(f"limit {text}: {key} is not free; {near(key, keys)}")
+            raise UsageError(
+                f"limit {text}: {key} is not free; {near(key, keys) if keys else 'nothing is: add --over'}"
+            )
         weights[keys[key]] += (-1.0 if term["sign"] == "-" else 1.0) * float(term["factor"] or 1.0)
         units.append(box.free[keys[key]].unit)
         at = term.end()

@@ -218,7 +218,7 @@ def _range(given: Any, unit: str) -> _Range:
         size = symmetric["size"].strip()
         share = _share(size)
         if share is not None:
-            return _Range((-share, share), True, False, "%")
+            return _Range((-share, share), True, False, unit)
         text = size if parted(size)[1] else number_or_text(size)
         value = _finite(text, unit)
         return _Range((-value, value), False, False, parted(size)[1] or unit)
@@ -226,7 +226,7 @@ def _range(given: Any, unit: str) -> _Range:
         shares = [_share(part) for part in given.split(":")]
         if len(shares) == 2 and None not in shares:
             low, high = (float(share) for share in shares if share is not None)
-            return _Range((low, high), True, False, "%")
+            return _Range((low, high), True, False, unit)
         raise ValueError(f"is {brief(given)}; {_FORM}")
     low, high, shown = _two(given, unit)
     return _Range((low, high), False, True, shown)
