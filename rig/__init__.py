@@ -567,7 +567,7 @@ def optimise(
     from rig.analysis import robust
 
     job = robust.prepared(loaded, over or {}, against or {}, minimise, maximise, band, limit, decay, seed)
-    return robust.design(job, Path(out), workers, cluster=cluster)
+    return robust.designed(job, Path(out), workers, cluster=cluster)
 
 
 def identify(

@@ -177,7 +177,7 @@ def _robust(
     store = Store.of(job.work, at(out))
     refuse(store.folder, ("robust.csv",), force)
     with printing.kept(store, "batches of rigs"), printing.bar("rigs") as progress:
-        result = robust.design(job, at(out), workers, progress, cluster)
+        result = robust.designed(job, at(out), workers, progress, cluster)
     written = [] if file is None else [f"{write(result, file, scene_name)}: the designed scene"]
     return in_folder(result, store.folder, "robust", below=written, good=result.held)
 

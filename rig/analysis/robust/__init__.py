@@ -25,11 +25,11 @@ from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import search
 from rig.record.provenance import provenance
 
-__all__ = ["Job", "RobustResult", "design", "prepared"]
+__all__ = ["Job", "RobustResult", "designed", "prepared"]
 ROOT = Path("searches")
 
 
-def design(
+def designed(
     job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None, cluster: str = ""
 ) -> RobustResult:
     """Carry out a robust design; results that its folder under `root` contains already are not computed again.
