@@ -105,7 +105,7 @@ class RobustResult(Result):
             return f"{job.scene.name}: a rig of the box has no steady sliding, so that no growth can be stated for it"
         if job.tolerance is None:
             where = f"at {bad.hertz:.5g} Hz{self._from_edge(bad.hertz)}"
-            return f"{job.scene.name}: the worst rig grows with {bad.growth:.6g} 1/s {where}"
+            return f"{job.scene.name}: growth of the worst rig {bad.growth:.6g} 1/s {where}"
         wanted = f"decays with {job.decay:g} 1/s" if job.decay else "grows"
         none = "every rig" if job.decay else "no rig"
         if self.factor == 0.0:
@@ -122,7 +122,7 @@ class RobustResult(Result):
         if not edges:
             return ""
         edge = min(edges, key=lambda edge: abs(edge - hertz))
-        return f", {abs(hertz / edge - 1.0):.3g} times the edge of the band at {edge:g} Hz away from it"
+        return f", {100.0 * abs(hertz / edge - 1.0):.3g} % from the edge of the band at {edge:g} Hz"
 
     def _remarks(self) -> Iterator[str]:
         scene = self.job.scene
