@@ -59,13 +59,13 @@ def robust(
     seed: int,
     also: Sequence[Array] = (),
     region: Region | None = None,
-    audit: int = AUDIT,
+    audit: bool = True,
     target: float = -math.inf,
 ) -> Designed:
     """Return the design whose worst rig in a region (by default the stated box) grows least.
 
-    `also`: designs [free] that are tried as well. `target` [1/s]: a design whose worst rig grows by no more is good
-    enough, and the search ends where the set of rigs allows none.
+    `also`: designs [free] that are tried as well; `audit`: whether random rigs are. `target` [1/s]: a design whose
+    worst rig grows by no more is good enough, and the search ends where the set of rigs allows none.
     """
     box = tasks.growth.box
     region = whole(len(box.uncertain)) if region is None else region
@@ -84,7 +84,7 @@ def robust(
         bad = worst(tasks, x, region, U)
         settled = not _worse(bad.growth, stated) or bad.growth <= target
         if settled and audit and audits < _AUDITS:
-            found = audited(tasks, x, region, seed + audits, audit)
+            found = audited(tasks, x, region, seed + audits)
             audits += 1
             if _worse(float(found.growth.max()), max(bad.growth, stated, target)):
                 bad = ascended(tasks, x, region, found.u, found.growth)
@@ -102,9 +102,9 @@ def robust(
     return Designed(x, bad, stated, found if settled else None, settled, U, tuple(rounds))
 
 
-def audited(tasks: Tasks, x: Array, region: Region, seed: int, count: int = AUDIT) -> Found:
+def audited(tasks: Tasks, x: Array, region: Region, seed: int) -> Found:
     """Return the growth of random rigs of a design in a region."""
-    shares = tasks.growth.box.draws(np.random.default_rng([seed, 1]), count)
+    shares = tasks.growth.box.draws(np.random.default_rng([seed, 1]), AUDIT)
     return tasks.growths(x, region.low + (region.high - region.low) * shares)
 
 

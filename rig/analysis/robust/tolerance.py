@@ -6,12 +6,13 @@ holds a width if its worst rig grows by no more than the `target`, which is 0 or
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.robust.design import AUDIT, Designed, robust
+from rig.analysis.robust.design import Designed, robust
 from rig.analysis.robust.tasks import Region, Tasks
 
 Array = NDArray[np.float64]
@@ -39,14 +40,12 @@ def region_of(tasks: Tasks, number: int | None, factor: float) -> Region:
     return Region(centre * (1.0 - factors), centre + factors * (1.0 - centre))
 
 
-def tolerance(
-    tasks: Tasks, seed: int, number: int | None, target: float, also: list[Array], audit: int = AUDIT
-) -> Tolerated | None:
+def tolerance(tasks: Tasks, seed: int, number: int | None, target: float, also: list[Array]) -> Tolerated | None:
     """Return the largest factor of all ranges (`number` None), or of one, at which no rig grows by more than `target`
     [1/s]; None if not even a box without width can be held.
     """
 
-    def held(factor: float, audited: int = 0) -> Designed | None:
+    def held(factor: float, audited: bool = False) -> Designed | None:
         region = region_of(tasks, number, factor)
         found = robust(tasks, seed, also, region, audited, target)
         if not found.worst.growth <= target:
@@ -65,7 +64,7 @@ def tolerance(
         else:
             low, best = middle, found
     while low > _LEAST:
-        found = held(low, audit)
+        found = held(low, audited=True)
         if found is not None:
             return Tolerated(low, high, found, region_of(tasks, number, low))
         high = low
@@ -73,20 +72,17 @@ def tolerance(
     return None
 
 
-def _bracket(held):  # type: ignore[no-untyped-def]
+def _bracket(held: Callable[[float], Designed | None]) -> tuple[float, float, Designed | None]:
     """A factor that is held with its design, and one that is not."""
-    factor = 1.0
-    found = held(factor)
-    if found is not None:
-        while found is not None and factor < MOST:
-            low, best = factor, found
-            factor *= 2.0
-            found = held(factor)
-        return low, factor if found is None else low, best
-    while factor > _LEAST:
-        high = factor
-        factor *= 0.5
-        found = held(factor)
-        if found is not None:
-            return factor, high, found
-    return 0.0, factor, None
+    low, high = 0.0, 1.0
+    best = None
+    found = held(high)
+    while found is not None and high <= MOST:
+        low, best = high, found
+        high *= 2.0
+        found = held(high)
+    while best is None and high > _LEAST:
+        low = 0.5 * high
+        best = held(low)
+        high = high if best is not None else low
+    return low, high, best
