@@ -37,7 +37,7 @@ def robust_figure(result: RobustResult) -> Figure:
         for (name, growth), colour in zip(growths.items(), _COLOURS):
             top.hist(growth[np.isfinite(growth)], bins, color=colour, alpha=0.6, label=name)
         top.axvline(0.0, color="0.3", lw=0.8)
-        top.set(xlabel="growth rate [1/s]", ylabel=f"rigs of {len(found.audit.growth)}")
+        top.set(xlabel="growth rate [1/s]", ylabel="rigs [1]")
         top.legend(loc="best")
         _plane(below, result.found.entries[: len(growths)], result.job.band, float(every.min()))
     return figure
