@@ -1,4 +1,4 @@
-"""Benchmark of a robust design: the shunt of the squealing brake, four free and four uncertain values, audit included."""
+"""Benchmark of a robust design: shunt of the squealing brake, four free and four uncertain values, audit included."""
 
 from __future__ import annotations
 

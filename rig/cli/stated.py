@@ -24,6 +24,7 @@ TEXTS: Mapping[str, Callable[[str, str, float], object]] = {
     "TIMES": lambda given, flag, low: [seconds(text, flag, low) for text in separated(given)],
     "LIST": lambda given, flag, low: tuple(separated(given)),
     "NAMES": lambda given, flag, low: separated(given),
+    "RATE": lambda given, flag, low: given,
     "KEY=VALUES, ...": lambda given, flag, low: given,
 }
 """What is typed -> how its text becomes the value of the parameter; others stay what they are."""

@@ -93,7 +93,7 @@ def robust(
         value = bad.growth + beyond(x, tasks.limits)
         if best is None or value < best[0]:
             best = (value, x, bad, stated)
-        if settled or stated > target > -math.inf:
+        if settled or stated > target > -math.inf or not math.isfinite(stated):
             break
         U = np.vstack([U, bad.u])
         X = X[: max(1, len(X) - 1)]

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.linear.all_loops import closed_plant
 from rig.analysis.linear.control_loop import VANISHED
+from rig.analysis.linear.eigenvalue_curves import none
 from rig.analysis.linear.modes import at_rest, dithers, missing, under_dither
 from rig.analysis.robust.box import Box
 from rig.design import numbers
@@ -45,7 +46,6 @@ KEPT = 6
 """Most eigenvalues of the band that a search follows at each rig."""
 _OUTSIDE = 2  # and of those outside of it
 _STEP = 1e-6  # of the unit cube: forward differences of a matrix
-_GROWS = 1e-7  # 1/s: less outside of the band is rounding of a mode without growth
 _DESIGNS = 64  # whose controllers are kept: the gradient of a design needs one for each free value
 
 
@@ -68,7 +68,7 @@ class Matrix(NamedTuple):
             return values
         size = np.abs(values)
         rates = np.log(np.where(size > VANISHED, values, 1.0)) / self.period
-        return np.where(size > VANISHED, rates, -np.inf)
+        return np.where(size > VANISHED, rates, complex(-np.inf, 0.0))
 
 
 class Piece(NamedTuple):
@@ -173,6 +173,7 @@ class Growth:
 
     def of_rates(self, rates: Complex, up_to: float = math.inf) -> tuple[float, float]:
         """The growth that counts of `rates`, and its frequency; -infinity without a mode in the band."""
+        rates = rates[np.isfinite(rates.real)]
         hertz = np.abs(rates.imag) / (2.0 * math.pi)
         real = np.where(hertz <= up_to, rates.real, -np.inf)
         inside = self.inside(hertz)
@@ -180,7 +181,7 @@ class Growth:
         beyond = np.where(inside, -np.inf, real)
         first = int(within.argmax())
         other = int(beyond.argmax())
-        if beyond[other] > max(_GROWS, within[first]):
+        if beyond[other] > max(none(rates)[other], within[first]):
             first, within = other, beyond
         return float(within[first]), float(hertz[first])
 

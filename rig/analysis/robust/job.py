@@ -21,6 +21,7 @@ from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.limits import Limit, limits
 from rig.analysis.robust.stated import box
 from rig.analysis.robust.tasks import Tasks, Units, compute
+from rig.analysis.studies.factors import Identified
 from rig.analysis.studies.runs import MOST, first_seed
 from rig.controllers import controller_class
 from rig.errors import Faults, UsageError, WorkerError
@@ -54,8 +55,9 @@ class Job:
     def identity(self) -> list[Any]:
         """What the results depend on, besides scene and sources."""
         limits = [limit.text for limit in self.limits]
+        files = [value.given.content for value in self.box.uncertain if isinstance(value.given, Identified)]
         asked = [self.measure, self.band, limits, self.tolerance, self.decay, self.seed, AUDIT]
-        return [self.box, *asked, scipy.__version__]
+        return [self.box, *asked, *files, scipy.__version__]
 
     @property
     def target(self) -> float:
@@ -238,8 +240,14 @@ def carried_out(
 
         def carry_out(asked: Units) -> list[Arrays]:
             todo = {unit: given for unit, given in asked.items() if unit not in rows}
+            rigs = sum(map(tasks.rigs, todo.values()))
+
+            def show(done: int) -> None:
+                ready = tasks.count + rigs * done // len(todo)
+                say(ready, max(job.expected, ready + 1))
+
             if todo:
-                processes.compute(todo, lambda done: say(tasks.count, max(job.expected, tasks.count)))
+                processes.compute(todo, show)
                 rows.update(store.load(min(todo)))
             if processes.failed:
                 raise WorkerError(f"{next(iter(processes.failed.values()))}{store.kept}")

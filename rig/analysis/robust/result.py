@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rig.analysis.robust.box import Uncertain
-from rig.analysis.robust.growth import LOOP
+from rig.analysis.robust.growth import LOOP, NoSliding
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
 from rig.printable import counted
@@ -101,8 +101,10 @@ class RobustResult(Result):
     def _headline(self) -> str:
         job = self.job
         bad = self.found.design.worst
+        if bad.growth == -math.inf:
+            return f"{job.scene.name}: no rig of the box has a mode in the band"
         if not math.isfinite(bad.growth):
-            return f"{job.scene.name}: a rig of the box has no steady sliding, so that no growth can be stated for it"
+            return f"{job.scene.name}: a rig of the box has no growth: {self._fault()}"
         if job.tolerance is None:
             where = f"at {bad.hertz:.5g} Hz{self._from_edge(bad.hertz)}"
             return f"{job.scene.name}: growth of the worst rig {bad.growth:.6g} 1/s {where}"
@@ -115,6 +117,15 @@ class RobustResult(Result):
             return f"{job.scene.name}: {none} {wanted} up to {self.factor:.4g} times all ranges"
         value = job.box.uncertain[i]
         return f"{job.scene.name}: {none} {wanted} with {value.key} {self.tolerance(value)}"
+
+    def _fault(self) -> str:
+        """Why the worst rig has no growth, and which it is."""
+        at = ", ".join(f"{key} = {value:.6g}" for key, value in self.worst_values(self.found.entries[0]).items())
+        try:
+            self.job.grown().matrix(self.found.design.x, self.found.design.worst.u)
+        except NoSliding as fault:
+            return f"{fault} ({at}); make the range smaller"
+        return at
 
     def _from_edge(self, hertz: float) -> str:
         """How far a frequency is from the nearest edge of the band, in words."""

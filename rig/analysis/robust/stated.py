@@ -23,6 +23,7 @@ from rig.analysis.studies.factors import IDENTIFIED, Distribution, Identified
 from rig.errors import Faults, SceneError, UsageError
 from rig.scenes.axis import Axis, in_words, numbers, unknown
 from rig.scenes.scene import Scene
+from rig.scenes.sections import is_set_point
 from rig.scenes.sections import parted as table_of
 from rig.units import brief, number_or_text, parted, si, with_units
 
@@ -44,7 +45,7 @@ _WITHOUT = {
     "sensors": "is a value of an instrument: neither designed nor varied here",
     "start": "eigenvalues of steady sliding do not depend on the start",
 }
-_SURROUNDINGS = ("drive", "friction", "load")  # uncertain only: nobody designs them
+_SURROUNDINGS = ("drive", "friction", "load")  # uncertain only, but for set-points: nobody designs them
 _FRAMES = ("delay", "period")  # keys of a controller that take whole frames
 
 
@@ -92,7 +93,7 @@ def _free(scene: Scene, key: str, known: Mapping[str, str], given: Any) -> Axis:
     if key not in known:
         raise UsageError(f"over {unknown(key, known, scene)}")
     unit = known[key]
-    if why := _not_free(key, unit):
+    if why := _not_free(scene, key, unit):
         raise UsageError(f"over {key}: {why}")
     try:
         low, high, shown = _two(given, unit)
@@ -112,7 +113,7 @@ def _accepted(scene: Scene, option: str, axis: Axis) -> Axis:
     return axis
 
 
-def _not_free(key: str, unit: str) -> str:
+def _not_free(scene: Scene, key: str, unit: str) -> str:
     """Why a key cannot be designed, in words; "" if it can."""
     room, _, inner = table_of(key)
     table, _, rest = key.partition(".")
@@ -124,6 +125,8 @@ def _not_free(key: str, unit: str) -> str:
             return (
                 f"takes whole frames, so that it has no gradient; {sets}{', --against takes it' * (inner == 'delay')}"
             )
+        return ""
+    if is_set_point(scene.parameters, key):
         return ""
     if table in _SURROUNDINGS:
         return f"nobody designs it; --against {key} makes it uncertain, -p sets it"

@@ -21,6 +21,7 @@ from rig.analysis.robust.polish import polish
 Array = NDArray[np.float64]
 Units = Mapping[int, tuple[float, ...]]
 _GROWTHS, _ASCENT, _POLISH = range(3)
+_ASCENDED, _STEPS = 10, 8  # steps of an ascent and of a polish, about
 _CHUNK = 64  # rigs of a unit: 0.1 to 0.3 s
 
 
@@ -77,6 +78,13 @@ class Tasks:
         values = np.array([float(result["value"]) for result in results])
         order = np.argsort(values, kind="stable")
         return np.array([result["x"] for result in results])[order], values[order]
+
+    def rigs(self, given: Sequence[float]) -> int:
+        """About how many rigs a unit assembles."""
+        d, m = len(self.growth.box.free), len(self.growth.box.uncertain)
+        if given[0] == _GROWTHS:
+            return (len(given) - 1) // (d + m)
+        return _ASCENDED * (m + 1) if given[0] == _ASCENT else _STEPS * (d + 2) * ((len(given) - 1 - d) // m)
 
     def _ask(self, given: Sequence[tuple[float, ...]]) -> list[Arrays]:
         units = dict(enumerate(given, self._next))
