@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.robust.box import Uncertain
-from rig.analysis.robust.growth import LOOP, NoSliding
+from rig.analysis.robust.growth import LOOP, Matrix, NoSliding
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
 from rig.printable import counted
@@ -19,6 +20,7 @@ from rig.results import Column, Result, Table
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.left_out import left_out
 
+Array = NDArray[np.float64]
 _END = 0.01  # of a range: nearer to an end, the range limits the design
 _LISTED = 5  # worst rigs
 _DIGITS = ".10g"  # of designed values: the worst rig is steep in them
@@ -65,6 +67,14 @@ class RobustResult(Result):
     def held(self) -> bool:
         """Whether the worst rig has a growth, and a tolerance was found if one was asked for."""
         return math.isfinite(self.worst) and not self.found.factor == 0.0
+
+    def matrix(self, u: Array) -> Matrix:
+        """The matrix of a rig with the designed values: u [uncertain], from 0 to 1 over the box that it is for.
+
+        Raises NoSliding.
+        """
+        region = self.found.region
+        return self.job.grown().matrix(self.found.design.x, region.low + (region.high - region.low) * u)
 
     def tolerance(self, value: Uncertain) -> str:
         """The range of an uncertain value that the design is for, as text."""
