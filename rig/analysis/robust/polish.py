@@ -95,7 +95,7 @@ def _program(x: Array, pieces: Sequence[Piece], limits: Sequence[Limit], region:
         ends.append(-limit.excess(x))
     low = np.maximum(-region, -x)
     high = np.minimum(region, 1.0 - x)
-    bounds = [*zip(low.tolist(), high.tolist()), (None, None), (0.0, None)]
+    bounds: list[tuple[float | None, float | None]] = [*zip(low.tolist(), high.tolist()), (None, None), (0.0, None)]
     if not any(piece.inside for piece in pieces):
         bounds[-2] = (0.0, None)  # nothing in the band: only growth outside of it counts
     cost = np.concatenate([np.zeros(len(x)), [1.0, PENALTY]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.robust.box import Uncertain
-from rig.analysis.robust.growth import LOOP, Matrix, NoSliding
+from rig.analysis.robust.growth import LOOP, Growth, Matrix, NoSliding
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
 from rig.printable import counted
@@ -68,13 +69,17 @@ class RobustResult(Result):
         """Whether the worst rig has a growth, and a tolerance was found if one was asked for."""
         return math.isfinite(self.worst) and not self.found.factor == 0.0
 
+    @cached_property
+    def _growth(self) -> Growth:
+        return self.job.grown()
+
     def matrix(self, u: Array) -> Matrix:
         """The matrix of a rig with the designed values: u [uncertain], from 0 to 1 over the box that it is for.
 
         Raises NoSliding.
         """
         region = self.found.region
-        return self.job.grown().matrix(self.found.design.x, region.low + (region.high - region.low) * u)
+        return self._growth.matrix(self.found.design.x, region.low + (region.high - region.low) * u)
 
     def tolerance(self, value: Uncertain) -> str:
         """The range of an uncertain value that the design is for, as text."""
@@ -132,7 +137,7 @@ class RobustResult(Result):
         """Why the worst rig has no growth, and which it is."""
         at = ", ".join(f"{key} = {value:.6g}" for key, value in self.worst_values(self.found.entries[0]).items())
         try:
-            self.job.grown().matrix(self.found.design.x, self.found.design.worst.u)
+            self._growth.matrix(self.found.design.x, self.found.design.worst.u)
         except NoSliding as fault:
             return f"{fault} ({at}); make the range smaller"
         return at
