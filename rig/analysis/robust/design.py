@@ -27,7 +27,7 @@ AUDIT = 10_000
 """Random rigs of the audit."""
 _NOMINAL = 5  # starts of the nominal optimum that are polished,
 _ROBUST = 4  # and of the robust design
-_ROUNDS = 12  # worst rigs that join the set, at most
+_ROUNDS = 16  # worst rigs that join the set, at most
 _SAME = 0.01  # of the growth: a worst rig that is worse by less is no news
 _AUDITS = 3
 _SURE = 1e-9
@@ -74,15 +74,14 @@ def robust(
     X = np.vstack([_starts(tasks, first, _ROBUST, seed), *also])
     U = centre[None]
     rounds: list[tuple[int, float, float]] = []
-    best: tuple[float, Array, Worst, float] | None = None
-    found: Found | None = None
-    settled = False
+    best: Designed | None = None
     audits = 0
     for _ in range(_ROUNDS):
         X, values = tasks.polished(X, U)
         x, stated = X[0], float(values[0])
         bad = worst(tasks, x, region, U)
         settled = not _worse(bad.growth, stated) or bad.growth <= target
+        found = None
         if settled and audit and audits < _AUDITS:
             found = audited(tasks, x, region, seed + audits)
             audits += 1
@@ -90,16 +89,19 @@ def robust(
                 bad = ascended(tasks, x, region, found.u, found.growth)
                 settled = False
         rounds.append((len(U), stated, bad.growth))
-        value = bad.growth + beyond(x, tasks.limits)
-        if best is None or value < best[0]:
-            best = (value, x, bad, stated)
+        made = Designed(x, bad, stated, found, settled, U, tuple(rounds))
+        if best is None or settled or _value(made, tasks) < _value(best, tasks):
+            best = made
         if settled or stated > target > -math.inf or not math.isfinite(stated):
             break
         U = np.vstack([U, bad.u])
         X = X[: max(1, len(X) - 1)]
     assert best is not None
-    _, x, bad, stated = best
-    return Designed(x, bad, stated, found if settled else None, settled, U, tuple(rounds))
+    return best._replace(rounds=tuple(rounds))
+
+
+def _value(made: Designed, tasks: Tasks) -> float:
+    return made.worst.growth + beyond(made.x, tasks.limits)
 
 
 def audited(tasks: Tasks, x: Array, region: Region, seed: int) -> Found:
