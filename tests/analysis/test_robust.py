@@ -7,15 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robust_scenes import absorber, three_pairs
+from scipy.signal import cont2discrete
 
 import rig as lab
+from rig import controllers
 from rig.analysis.linear.all_loops import closed_rates
+from rig.analysis.linear.control_loop import plant
 from rig.analysis.robust import design, search
 from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.job import prepared
 from rig.analysis.robust.stated import box
 from rig.analysis.robust.tasks import compute, here
 from rig.analysis.robust.worst import worst
+from rig.design import numbers
+from rig.design.linearised import arithmetic
 from rig.errors import SceneError, UsageError
 
 FORMULA = 0.03647488974112161  # H, of the shipped shunt
@@ -156,6 +161,32 @@ def test_the_growth_of_all_loops_is_that_of_the_one_loop():
         every = closed_rates(scene)
         assert len(every) == len(of_one)
         assert every[0].real == pytest.approx(of_one[0].real, abs=1e-8)
+
+
+def test_two_loops_act_together(tmp_path):
+    """Both at 1 kHz, without delays and filters: one period is a step with held commands, by scipy."""
+    nf = '[controllers.nf]\nkind = "normal_force"\nsensor = "vibrometer"\ngain = ["60 N*s/m", "chosen"]\n'
+    (tmp_path / "two.toml").write_text(f'format = 1\nbased_on = "belt_velocity_feedback"\n{nf}')
+    scene = lab.load(tmp_path / "two.toml")
+    assert set(scene.controllers) == {"belt", "nf"}
+    rig = plant(scene)
+    values = numbers(scene)
+    loops = [controllers.build(section, values[name]) for name, section in scene.controllers.items()]
+    drives = [rig.inputs.index(loop.drives[0]) for loop in loops]
+    A, B, *_ = cont2discrete((rig.A, rig.B[:, drives], rig.C, rig.D[:, drives]), 1e-3)
+    read = rig.outputs.index(scene.sensors["vibrometer"].reads)
+    parts = [arithmetic(loop) for loop in loops]
+    assert not any(len(xi) for xi, *_ in parts)
+    gains = np.array([[d] for *_, d in parts])
+    step = A + B @ gains @ rig.C[[read]]
+    expected = np.log(np.linalg.eigvals(step).astype(complex)) / 1e-3
+    growth = closed_rates(scene)[0].real
+    assert growth == pytest.approx(max(rate.real for rate in expected), abs=1e-8)
+    alone = [
+        closed_rates(lab.load(tmp_path / "two.toml", {f"controllers.{name}": "none"}))[0].real
+        for name in ("nf", "belt")
+    ]
+    assert min(abs(growth - each) for each in alone) > 0.1
 
 
 def test_loop_growth_is_a_measure_of_studies(tmp_path):
