@@ -279,7 +279,7 @@ class RobustResult(Result):
             "factor": _finite(found.factor),
             "settled": found.design.settled,
             "rounds": [list(map(_finite, each)) for each in found.design.rounds],
-            "evaluations": found.count,
+            "evaluations": found.assembled,
             "audit": {
                 "rigs": len(growth),
                 "growing": int(np.sum(growth > 0.0)),

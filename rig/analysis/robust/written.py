@@ -31,7 +31,7 @@ def scene_text(result: RobustResult, based_on: str) -> str:
     against = ", ".join(f"{value.key} {result.tolerance(value)}" for value in job.box.uncertain)
     lines = [
         f"# Values that rig optimise designed on {today} against {against or 'nothing'}.",
-        f"# {job.measure}: the worst rig found grows with {result.worst:.6g} 1/s, of {result.found.count} rigs.",
+        f"# {job.measure}: the worst rig found grows with {result.worst:.6g} 1/s, of {result.found.assembled} rigs.",
         f"format = {FORMAT}",
         f"based_on = {json.dumps(based_on)}",
         f"title = {json.dumps(f'{job.scene.title}, designed', ensure_ascii=False)}",
