@@ -51,7 +51,8 @@ class Findings(NamedTuple):
     rigs of the robust design; `beside` [rig]: growth of the same with the nominal optimum. `relief` [uncertain]: by how
     much less the worst rig grows with the nominal value; `percent`: growth of the worst rig if this range is a percent
     of its value wider, a delay a frame. `idle`: keys without influence. `stuck`: frequency of the mode that limits
-    every design and moves with none. `edges`: frequencies [Hz] of modes beside an edge of the band. `assembled`: number of rigs.
+    every design and moves with none. `edges`: frequencies [Hz] of modes beside an edge of the band.
+    `assembled`: number of rigs.
     """
 
     entries: tuple[Entry, ...]
