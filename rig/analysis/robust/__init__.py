@@ -22,7 +22,7 @@ from pathlib import Path
 from rig.analysis.pool import Progress
 from rig.analysis.robust.job import Job, prepared
 from rig.analysis.robust.result import RobustResult
-from rig.analysis.robust.search import search
+from rig.analysis.robust.search import find
 from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
@@ -36,5 +36,5 @@ def designed(
 
     Raises UsageError, SceneError, WorkerError; what is finished stays.
     """
-    found, folder = search(job, root, workers, progress, cluster)
+    found, folder = find(job, root, workers, progress, cluster)
     return RobustResult(job, found, provenance(job.seed), folder)

@@ -123,9 +123,10 @@ def prepared(
     faults = Faults()
     stated = faults(lambda: box(scene, over, against), None)
     values = stated or Box((), ())
-    measure, key = faults(lambda: _measure(scene, values, minimise, maximise), (MODES, None))
+    nothing: tuple[str, str | None] = (MODES, None)
+    measure, key = faults(lambda: _measure(scene, values, minimise, maximise), nothing)
     ends = faults(lambda: _band(band), (0.0, math.inf))
-    kept = () if stated is None else faults(lambda: limits(values, limit or ()), ())
+    kept: tuple[Limit, ...] = () if stated is None else faults(lambda: limits(values, limit or ()), ())
     least = faults(lambda: _decay(decay, key), 0.0)
     first = faults(lambda: first_seed(scene, seed), 0)
     if not faults.found:

@@ -69,7 +69,7 @@ class Findings(NamedTuple):
     assembled: int
 
 
-def search(
+def find(
     job: Job, root: Path, workers: int | None = None, progress: Progress | None = None, cluster: str = ""
 ) -> tuple[Findings, Path]:
     """Carry out a robust design; return what it has found and the folder of its units.
