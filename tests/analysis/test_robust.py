@@ -366,6 +366,7 @@ def test_the_command_writes_table_figure_and_scene(tmp_path, small, monkeypatch,
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_shunt_of_the_brake(brake, tmp_path):
     found = lab.optimise(brake, SHUNT, MODES, against=STACK, band="2 kHz:5 kHz", out=tmp_path)
     assert found.worst <= -5.8
@@ -381,6 +382,7 @@ def test_the_shunt_of_the_brake(brake, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_friction_that_the_shunt_of_the_brake_tolerates(brake, tmp_path):
     maximise = "tolerance.friction.mu"
     found = lab.optimise(brake, SHUNT, maximise=maximise, against=STACK, band="2 kHz:5 kHz", out=tmp_path)
