@@ -6,6 +6,7 @@ twins          kernels against their C twins: quiet tick, fixed step, exact, a f
 absent         the cost of an absent effect
 whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of processes
 one_contact    rigs of one contact, the slider on a flexible disc, a map on two cores, an environment of Gymnasium
+robust         a robust design, how long it takes
 studies        points per second, the gain by a second worker
 loop           the paced loop over the bus: round trip, ages, losses
 recording      the cost of recording at high rates

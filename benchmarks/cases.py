@@ -21,6 +21,7 @@ from benchmarks import (
     pages,
     recording,
     remote,
+    robust,
     structures,
     studies,
     twins,
@@ -235,6 +236,11 @@ GROUPS = {
         "rig identify: four parameters of the belt, three runs of 6 s, two workers",
         lambda asked: studies.identified(),
         (_most("fit_s", "fit of four parameters", 15.0, "s"),),
+    ),
+    "robust": Group(
+        "a robust design of the shunt of the brake: four free and four uncertain values, two workers, audit included",
+        lambda asked: robust.measured(),
+        (_most("design_s", "robust design of a shunt, audit included", 120.0, "s"),),
     ),
     "structure": Group(
         "reduction of a structure of 100,000 degrees of freedom: seconds, MB, error",

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from rig.analysis.recorded.against_scene import AgainstScene
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.recorded.events import Events
+    from rig.analysis.robust.result import RobustResult
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.factors import Distribution
     from rig.analysis.studies.search import SearchResult
@@ -507,14 +508,37 @@ def study(
 def optimise(
     scene: SceneOrName,
     over: Annotated[
-        Mapping[str, object], Option("KEY=FROM:TO", 'Range of a parameter: "load.force=10 N:30 N". Repeatable.')
-    ],
+        Mapping[str, object] | None,
+        Option("KEY=FROM:TO", 'Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
+    ] = None,
     minimise: Annotated[
         str | Callable[[Run], object] | None,
         Option("MEASURE", "Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
     ] = None,
     *,
-    maximise: Annotated[str | Callable[[Run], object] | None, Option("MEASURE", "Measure to maximise instead.")] = None,
+    maximise: Annotated[
+        str | Callable[[Run], object] | None,
+        Option("MEASURE", "Measure to maximise instead; with --against: tolerance or tolerance.KEY."),
+    ] = None,
+    against: Annotated[
+        Mapping[str, object] | None,
+        Option(
+            "KEY=RANGE",
+            'What is not known of the rig: "friction.mu=+-2 %", "load.force=18 N:22 N", "friction.mu=normal(0.4, 0.02)"'
+            ". Of a parameter of --over: its tolerance. The worst rig counts. Repeatable.",
+        ),
+    ] = None,
+    band: Annotated[
+        str | tuple[float, float] | None,
+        Option("FROM:TO", 'Frequencies of the modes that count, with --against: "2 kHz:5 kHz".'),
+    ] = None,
+    limit: Annotated[
+        Iterable[str] | None,
+        Option("SUM", 'Linear limit of a design, with --against: "c.damping + 2 * d.damping < 5 N*s/m". Repeatable.'),
+    ] = None,
+    decay: Annotated[
+        float | str | None, Option("RATE", 'Least decay that a tolerance keeps: "5 1/s". Default: nothing grows.')
+    ] = None,
     evaluations: Annotated[int, Option("N", "Largest number of points.", low=1, high=1_000_000)] = 600,
     seed: Seed = None,
     duration: Duration = None,
@@ -524,20 +548,26 @@ def optimise(
     overrides: Overrides = None,
     untold: Untold = None,
     redesign: Redesign = False,
-) -> SearchResult:
+) -> SearchResult | RobustResult:
     """Find the smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
 
     `over`: dotted key -> range in SI, or text such as "10 N:30 N". Points are computed by differential evolution, all
-    with `seed`. A search that was interrupted, or one with more evaluations, continues from its folder. Raises
+    with `seed`. A search that was interrupted, or one with more evaluations, continues from its folder. With `against`
+    (docs/robust.md) the growth of the worst rig of a box is made small; without `over` it is that of the scene. Raises
     rig.errors.SceneError, UsageError and WorkerError.
     """
     from pathlib import Path
 
-    from rig.analysis.studies.search import prepared, search
-
     loaded = _scene(scene, overrides, untold, redesign)
-    work = prepared(loaded, over, minimise, maximise, evaluations, seed, duration)
-    return search(work, Path(out), workers, cluster=cluster)
+    if against is None and band is None and limit is None and decay is None:
+        from rig.analysis.studies.search import prepared, search
+
+        work = prepared(loaded, over or {}, minimise, maximise, evaluations, seed, duration)
+        return search(work, Path(out), workers, cluster=cluster)
+    from rig.analysis import robust
+
+    job = robust.prepared(loaded, over or {}, against or {}, minimise, maximise, band, limit, decay, seed)
+    return robust.designed(job, Path(out), workers, cluster=cluster)
 
 
 def identify(

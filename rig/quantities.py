@@ -39,7 +39,7 @@ from rig.about import About
 from rig.errors import UsageError
 from rig.units import OTHERS, SIZES, brief, parted, si, with_point
 
-ORIGINS = ("paper", "public", "derived", "identified", "calibrated", "chosen", "user")
+ORIGINS = ("paper", "public", "derived", "identified", "designed", "calibrated", "chosen", "user")
 LONGEST = 1_000_000_000_000_000
 """Longest duration [ns]: 1e6 s, eleven days."""
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 _EXAMPLES = {
+    "--against": 'KEY=RANGE, e.g. --against "friction.mu=+-2 %"',
     "--over": 'KEY=VALUES, such as --over "load.force=10 N:30 N:5"',
     "--follow": 'ACTUATOR = CHANNEL: "drive.speed = belt_speed"',
     "--pair": 'CHANNEL = SIMULATED: "force = friction_force"',

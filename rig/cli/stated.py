@@ -24,6 +24,7 @@ TEXTS: Mapping[str, Callable[[str, str, float], object]] = {
     "TIMES": lambda given, flag, low: [seconds(text, flag, low) for text in separated(given)],
     "LIST": lambda given, flag, low: tuple(separated(given)),
     "NAMES": lambda given, flag, low: separated(given),
+    "RATE": lambda given, flag, low: given,
     "KEY=VALUES, ...": lambda given, flag, low: given,
 }
 """What is typed -> how its text becomes the value of the parameter; others stay what they are."""
@@ -31,6 +32,7 @@ SEVERAL: Mapping[str, Callable[[list[str] | None, str], object]] = {
     "KEY=VALUE": changes,
     "KEY=VALUES": assigned,
     "KEY=FROM:TO": assigned,
+    "KEY=RANGE": assigned,
     '"ACTUATOR = CHANNEL"': assigned,
     '"CHANNEL = SIMULATED, FACTOR"': assigned,
 }

@@ -13,13 +13,14 @@ from rig.cli import printing
 from rig.cli.analysis import idle, in_folder
 from rig.cli.build import Answer, Made
 from rig.cli.options import at
-from rig.cli.printing import named, refuse, writable
+from rig.cli.printing import named, new, refuse, writable
 from rig.errors import UsageError
 from rig.parameters import Option
 from rig.printable import counted
 
 if TYPE_CHECKING:
     from rig.analysis.pool import Store
+    from rig.analysis.robust import Job
     from rig.scenes.scene import Scene
 
 Given = Mapping[str, object]
@@ -103,32 +104,82 @@ def _target(context: typer.Context, to: Path | None) -> None:
 
 
 def optimise(
+    context: typer.Context,
     scene: Scene,
+    scene_name: str,
     over: Given,
+    against: Given,
+    band: str | None,
+    limit: Sequence[str],
+    decay: str | None,
     overrides: Given,
     untold: Given,
     workers: int | None,
     cluster: str,
     out: Path,
     force: bool,
+    write: Annotated[Path | None, Option("FILE", "Write the designed scene (TOML), with --against.", check=new)] = None,
     **search: Any,
 ) -> Answer:
     """Search for the parameters with the smallest or largest value of a measure (differential evolution).
 
+    With --against the worst rig of a box counts, and the report compares the design
+    with the nominal optimum; without --over it is the worst rig of the scene.
+
     Values are kept: after an interruption the same command continues.
 
-    Exit code 1: no point has a value.
+    Exit code 1: no point has a value, or no tolerance can be held.
     """
+    from rig.analysis import robust
     from rig.analysis.studies.search import prepared
     from rig.analysis.studies.search import search as carry_out
 
     _once(over, overrides, untold)
+    if against or band is not None or limit or decay is not None:
+        unused = [name for name in ("evaluations", "duration") if _typed(context, name)]
+        if unused:
+            raise UsageError(f"--{unused[0]}: belongs to a search without --against; leave it out")
+        asked = {name: search[name] for name in ("minimise", "maximise", "seed")}
+        job = robust.prepared(scene, over, against, band=band, limit=limit, decay=decay, **asked)
+        return _robust(scene, scene_name, job, workers, cluster, out, force, write)
+    if write is not None:
+        raise UsageError("--write: writes a scene that was designed against something; add --against")
     work = prepared(scene, over, **search)
     store = _store(scene, work, out)
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
         result = carry_out(work, out, workers, progress, cluster)
     return in_folder(result, store.folder, "search", good=result.best is not None)
+
+
+def _typed(context: typer.Context, name: str) -> bool:
+    """Whether an option was given, not its default."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _robust(
+    scene: Scene,
+    scene_name: str,
+    job: Job,
+    workers: int | None,
+    cluster: str,
+    out: Path,
+    force: bool,
+    file: Path | None,
+) -> Answer:
+    """Design against uncertain values."""
+    from rig.analysis import robust
+    from rig.analysis.pool import Store
+    from rig.analysis.robust.written import write
+
+    printing.warnings(scene)
+    store = Store.of(job.work, at(out))
+    refuse(store.folder, ("robust.csv",), force)
+    with printing.kept(store, "batches of rigs"), printing.bar("rigs") as progress:
+        result = robust.designed(job, at(out), workers, progress, cluster)
+    written = [] if file is None else [f"{write(result, file, scene_name)}: the designed scene"]
+    return in_folder(result, store.folder, "robust", below=written, good=result.held)
 
 
 COMMANDS = {

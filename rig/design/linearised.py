@@ -208,6 +208,15 @@ def sampled(
     Raises ValueError if neither the period of the sensor nor that of the controller is a multiple of the other, and for
     a sensor with echoes.
     """
+    period = common_period(feedback, end)
+    return _Period(plant, feedback, plant.outputs.index(reads), end, delay_ns, period, newer).sampled()
+
+
+def common_period(feedback: Feedback, end: FrontEnd) -> int:
+    """The period of a loop [ns], the longer one of its controller's and its sensor's.
+
+    Raises ValueError if neither is a multiple of the other, and for a sensor with echoes.
+    """
     if end.echoes:
         raise ValueError(
             "sensor: has echoes, which the model of a loop does not contain; paths = [] in its table removes them"
@@ -226,7 +235,7 @@ def sampled(
             f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are not multiples of each other, "
             f"so that the loop has no common period. It has one if the sensor samples at {near}"
         )
-    return _Period(plant, feedback, plant.outputs.index(reads), end, delay_ns, period, newer).sampled()
+    return period
 
 
 def _near(own: int, between: float) -> list[float]:
@@ -336,19 +345,7 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     n = len(plant.A)
     c = plant.C[reads]
     d = plant.D[reads, drive]
-    blocks = []
-    out = []
-    for pole, residue in zip(end.poles, end.residues):
-        pair = 2.0 if pole.imag else 1.0
-        if pole.imag:
-            real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
-        else:
-            real = np.array([[pole.real]])
-        blocks.append(real)
-        out += [pair * residue.real, -pair * residue.imag][: len(real)]
-    if end.averages:
-        blocks.append(np.zeros((1, 1)))
-        out.append(1e9 / end.period_ns)
+    blocks, out = filter_blocks(end)
     size = n + len(out)
     A = np.zeros((size, size))
     B = np.zeros(size)
@@ -362,3 +359,23 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
         at += len(block)
     direct = 0.0 if end.averages else end.direct
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])
+
+
+def filter_blocks(end: FrontEnd) -> tuple[list[Array], list[float]]:
+    """Return the filter of a front end: the matrix of each pole, whose first state the output drives, and the row of
+    the measurement over these states.
+    """
+    blocks: list[Array] = []
+    out: list[float] = []
+    for pole, residue in zip(end.poles, end.residues):
+        pair = 2.0 if pole.imag else 1.0
+        if pole.imag:
+            real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
+        else:
+            real = np.array([[pole.real]])
+        blocks.append(real)
+        out += [pair * residue.real, -pair * residue.imag][: len(real)]
+    if end.averages:
+        blocks.append(np.zeros((1, 1)))
+        out.append(1e9 / end.period_ns)
+    return blocks, out

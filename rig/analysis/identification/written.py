@@ -32,16 +32,21 @@ def write(identified: Identified, out: Path, based_on: str) -> tuple[Path, Path]
     """
     if not identified.told:
         raise UsageError(f"{out} is not written: no parameter is identified")
-    if based_on.endswith(".toml"):
-        folder = out.parent.resolve()
-        base = Path(based_on).resolve()
-        if base.is_relative_to(folder):
-            base = base.relative_to(folder)
-        based_on = base.as_posix()
     beside = out.with_name(f"{out.stem}{ENDING}")
-    write_file(out, scene_text(identified, based_on).encode())
+    write_file(out, scene_text(identified, base_of(based_on, out)).encode())
     write_file(beside, (json.dumps(covariance(identified), indent=1) + "\n").encode())
     return out, beside
+
+
+def base_of(based_on: str, out: Path) -> str:
+    """Return how the scene file `out` names the scene that it is based on: one beside it, or below, by its file."""
+    if not based_on.endswith(".toml"):
+        return based_on
+    folder = out.parent.resolve()
+    base = Path(based_on).resolve()
+    if base.is_relative_to(folder):
+        base = base.relative_to(folder)
+    return base.as_posix()
 
 
 def scene_text(identified: Identified, based_on: str) -> str:
@@ -61,13 +66,13 @@ def scene_text(identified: Identified, based_on: str) -> str:
         table, _, field = key.rpartition(".")
         line = f"{field} = {value}"
         if unit is not None:
-            line = _line(field, value, unit, "chosen", "of the law, not identified")
+            line = value_line(field, value, unit, "chosen", "of the law, not identified")
         tables.setdefault(table, []).append(line)
     where = Path(identified.task.where).name
     for p in identified.told:
         table, _, field = p.key.rpartition(".")
         note = f"{where}, {today}, {counted(runs, 'run')}, 90 % {p.low:.6g} to {p.high:.6g}"
-        tables.setdefault(table, []).append(_line(field, f"{p.value:.9g}", p.unit, "identified", note))
+        tables.setdefault(table, []).append(value_line(field, f"{p.value:.9g}", p.unit, "identified", note))
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]
     return "\n".join([*lines, ""])
@@ -87,7 +92,8 @@ def covariance(identified: Identified) -> dict[str, Any]:
     }
 
 
-def _line(field: str, value: str, unit: str, origin: str, note: str) -> str:
+def value_line(field: str, value: str, unit: str, origin: str, note: str) -> str:
+    """Return the line of a scene file with a value, its origin and a note."""
     text = json.dumps(value if unit == "1" else f"{value} {unit}")
     return f"{field} = [{text}, {json.dumps(origin)}, {json.dumps(note)}]"
 

@@ -43,10 +43,11 @@ class Slow(RigError):
     """The friction cannot be averaged over the dither of a scene, for the reason in words."""
 
 
-def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
+def at_rest(scene: Scene, moved: Mapping[str, str] | None = None, key: int | None = None) -> tuple[Assembly, Steady]:
     """Return the rig of `scene` and its sliding equilibrium, with dither off and without controllers.
 
-    `moved`: actuators that are states, as for a plant; by default those that the scene moves.
+    `moved`: actuators that are states, as for a plant; by default those that the scene moves. `key`: the mode set of
+    sliding, where it is known.
     """
     states = scene.moved if moved is None else moved
     assembly = assembled(scene.parameters, scene.frame_ns, states, random=False, limits=scene.limits)
@@ -55,7 +56,7 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
         quiet = system.start.copy()
         quiet[[system.names.index(name) for name in GENERATOR]] = 0.0
         system = replace(system, start=quiet)
-    return assembly, steady(system, sliding_key(system))
+    return assembly, steady(system, sliding_key(system) if key is None else key)
 
 
 def under_dither(scene: Scene) -> Steady:

@@ -8,6 +8,7 @@ motion.NAME     period, frequency, growth_rate, friction_power, energy_per_cycle
 modes.NAME      growth, frequency of the least stable mode of steady sliding; growing: number of modes that grow. With
                 them, of a reduced structure, error: the largest estimated relative error of an eigenvalue, and outside:
                 1 outside of the range that the reduction holds for, else 0
+loop.growth     growth of the least stable mode with all controllers closed, each with what it believes of the rig
 run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an output or sensor; first_opening: the run
                 of the scene with its sensors, controllers and protocol
 FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.cycles.cycle import limit_cycle, slides
 from rig.analysis.cycles.motion_measures import observe, of, of_cycle, problem
+from rig.analysis.linear.all_loops import closed_rates
 from rig.analysis.linear.eigenvalue_curves import equilibrium, none
 from rig.analysis.linear.modes import dithers
 from rig.analysis.pool import Arrays
@@ -64,13 +66,14 @@ _HOW: dict[str, Callable[[NDArray[Any]], Any]] = {
     "final": lambda v: v[-1],
 }
 _OF_RUN = (*_HOW, "amplitude", "frequency")
+LOOP = "loop"
 SLIDES = "slides"
 _LONG = 300  # characters of a reason
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure: `name` as its user wrote it; `source` (cycle, motion, modes, run or "" for a function), `kind` of
+    """A measure: `name` as its user wrote it; `source` (cycle, motion, modes, loop, run; "" for a function), `kind` of
     number, `of` which output, sensor or contact. `unit`: "" if it is known with the value only.
     """
 
@@ -85,6 +88,11 @@ class Measure:
     def of_run(self) -> bool:
         """Whether it is a number of the whole run, with protocol, sensors and controllers."""
         return self.source in ("run", "")
+
+    @property
+    def has_controllers(self) -> bool:
+        """Whether the controllers of the scene act in it."""
+        return self.of_run or self.source == LOOP
 
 
 def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
@@ -139,6 +147,8 @@ def _known(scene: Scene) -> Iterator[Measure]:
         yield Measure("motion.slides", "motion", SLIDES, unit="1")
     for kind, unit in (_MODES | dict.fromkeys(_REDUCED if assembly.accuracy else (), "1")).items():
         yield Measure(f"modes.{kind}", "modes", kind, unit=unit)
+    if scene.controllers:
+        yield Measure("loop.growth", LOOP, "growth", unit="1/s")
     parts: list[tuple[str, str, dict[str, str], str]] = [("cycle", kind, units, lead) for kind in _OF_OUTPUT]
     parts += [("motion", kind, units, lead) for kind in ("amplitude", "rms")]
     parts += [("run", kind, {**sensors, **units}, lead) for kind in _OF_RUN]
@@ -163,7 +173,8 @@ def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) ->
     """
     rows: dict[str, tuple[float, str, str]] = {}
     sources: dict[str, Callable[[Scene, Sequence[Measure]], Iterator[tuple[float, str, str]]]]
-    sources = {"cycle": _of_cycle, "motion": _of_motion, "modes": _of_modes, "run": partial(_of_run, duration)}
+    sources = {"cycle": _of_cycle, "motion": _of_motion, "modes": _of_modes, LOOP: _of_loop}
+    sources["run"] = partial(_of_run, duration)
     for source, compute in sources.items():
         some = [measure for measure in wanted if (measure.source or "run") == source]
         if not some:
@@ -264,6 +275,12 @@ def _of_modes(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, st
     for measure in some:
         value = float(values.get(measure.kind, math.nan))
         yield value, measure.unit, why if math.isnan(value) else ""
+
+
+def _of_loop(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+    rates = closed_rates(scene)
+    for measure in some:
+        yield float(rates[0].real), measure.unit, ""
 
 
 def _of_run(duration: float | None, scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:

@@ -26,7 +26,7 @@ from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, tempora
 from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.pool.kernel_shapes import prepare
 from rig.analysis.studies.factors import Factor, Identified, factors
-from rig.analysis.studies.measures import Measure, as_point, evaluate
+from rig.analysis.studies.measures import LOOP, Measure, as_point, evaluate
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
 from rig.machine.files import draft_of
@@ -229,12 +229,13 @@ class StudyRuns:
     @property
     def belief(self) -> list[str]:
         """Lines on what the controllers are told of the rig; empty if no measure has any."""
-        return of_varied(self.scene, [factor.key for factor in self.plan.factors]) if self.of_run else []
+        acting = any(measure.has_controllers for measure in self.measures)
+        return of_varied(self.scene, [factor.key for factor in self.plan.factors]) if acting else []
 
     @property
     def left_out(self) -> str:
         """Which measures are those of the plant without its controllers, in words; "" if there is none."""
-        alone = ", ".join(measure.name for measure in self.measures if not measure.of_run)
+        alone = ", ".join(measure.name for measure in self.measures if not measure.has_controllers)
         text = left_out(self.scene)
         return f"{alone}: {text}" if alone and text else ""
 
@@ -262,7 +263,7 @@ class StudyRuns:
     def prepare(self) -> None:
         """Compile the kernels. Raises SceneError for a scene whose controllers cannot be designed."""
         scene = self.scene_of(0)
-        if any(measure.source != "modes" for measure in self.measures):
+        if any(measure.source not in ("modes", LOOP) for measure in self.measures):
             prepare([scene])
         if self.of_run:
             simulate(scene, duration_ns=scene.frame_ns)

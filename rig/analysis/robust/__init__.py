@@ -1,0 +1,40 @@
+"""Robust design: controllers, shunts and rigs designed against what is not known of the rig.
+
+stated     ranges, tolerances and distributions as a user states them, read and checked
+box        free values of a design and uncertain ones of a rig, both as unit cubes
+growth     matrix, eigenvalues, gradients and growth of a rig of the box
+limits     linear limits of a design
+polish     a design improved against a set of rigs: linear programs over eigenvalues
+ascent     from a rig to a worse one
+worst      the worst rig of a design
+tasks      the units of work that a pool computes
+design     the robust design, the nominal optimum, the audit
+job        what is asked for, checked; its units in a pool and a store
+search     design, nominal optimum and scene beside each other; the audit; what each value costs
+tolerance  the largest ranges that a design can hold
+result     text, JSON and CSV; its figures; the designed scene as a file
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rig.analysis.pool import Progress
+from rig.analysis.robust.job import Job, prepared
+from rig.analysis.robust.result import RobustResult
+from rig.analysis.robust.search import find
+from rig.record.provenance import provenance
+
+__all__ = ["Job", "RobustResult", "designed", "prepared"]
+ROOT = Path("searches")
+
+
+def designed(
+    job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None, cluster: str = ""
+) -> RobustResult:
+    """Carry out a robust design; results that its folder under `root` contains already are not computed again.
+
+    Raises UsageError, SceneError, WorkerError; what is finished stays.
+    """
+    found, folder = find(job, root, workers, progress, cluster)
+    return RobustResult(job, found, provenance(job.seed), folder)

@@ -1,0 +1,59 @@
+"""The figure of a robust design: the growth of random rigs as histograms, eigenvalues of worst rigs in the plane."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.errors import UsageError
+from rig.view.palette import page
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rig.analysis.robust.result import RobustResult
+    from rig.analysis.robust.search import Entry
+
+_COLOURS = ("#1d4f91", "#c03a76")
+_BINS = 80
+_FAR = 4.0  # of the spread of growths: eigenvalues that decay faster are not drawn
+
+
+def robust_figure(result: RobustResult) -> Figure:
+    """Return the histograms and the plane. Raises UsageError if no rig has a growth."""
+    found = result.found
+    growths = {result.found.entries[0].name if result.job.box.free else "scene": found.audit.growth}
+    if len(found.beside):
+        growths["nominal optimum"] = found.beside
+    every = np.concatenate([growth[np.isfinite(growth)] for growth in growths.values()])
+    if not every.size:
+        raise UsageError("nothing to draw: no rig of the audit has a growth")
+    with page(9.6, 7.2, f"{result.job.scene.name}: growth of the rigs of the box", layout="constrained") as figure:
+        top, below = figure.subplots(2, 1)
+        bins = np.linspace(every.min(), every.max() or 1e-9, _BINS) if np.ptp(every) else 3
+        for (name, growth), colour in zip(growths.items(), _COLOURS):
+            top.hist(growth[np.isfinite(growth)], bins, color=colour, alpha=0.6, label=name)
+        top.axvline(0.0, color="0.3", lw=0.8)
+        top.set(xlabel="growth rate [1/s]", ylabel="rigs [1]")
+        top.legend(loc="best")
+        _plane(below, result.found.entries[: len(growths)], result.job.band, float(every.min()))
+    return figure
+
+
+def _plane(axes: Axes, entries: tuple[Entry, ...], band: tuple[float, float], least: float) -> None:
+    """Eigenvalues of the nominal rigs and of the worst ones, within the band."""
+    for entry, colour in zip(entries, _COLOURS):
+        for k, rates in enumerate(entry.rates):
+            hertz = np.abs(rates.imag) / (2.0 * math.pi)
+            drawn = (
+                (rates.imag >= 0.0) & (hertz >= band[0]) & (hertz <= band[1]) & (rates.real > _FAR * min(least, -1.0))
+            )
+            marker = "o" if k == 0 else "x"
+            label = f"{entry.name}, {'nominal rig' if k == 0 else 'worst rigs'}" if k < 2 else None
+            axes.plot(rates.real[drawn], hertz[drawn], marker, ms=5, color=colour, fillstyle="none", label=label)
+    axes.axvline(0.0, color="0.3", lw=0.8)
+    axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
+    axes.legend(loc="best")
