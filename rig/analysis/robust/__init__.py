@@ -9,6 +9,7 @@ ascent     from a rig to a worse one
 worst      the worst rig of a design
 tasks      the units of work that a pool computes
 design     the robust design, the nominal optimum, the audit
+certificate  whether no rig of a box grows: proved, refuted or undecided
 job        what is asked for, checked; its units in a pool and a store
 search     design, nominal optimum and scene beside each other; the audit; what each value costs
 tolerance  the largest ranges that a design can hold
