@@ -28,7 +28,14 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "READM
          *sorted((ROOT / "docs" / "reference").glob("*.md")),
          *sorted((ROOT / "docs" / "theory").glob("*.md"))]  # fmt: skip
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-PYTHON = ("docs/python.md", "docs/export.md", "docs/getting_started.md", "docs/studies.md", "docs/gym.md")
+PYTHON = (
+    "docs/python.md",
+    "docs/export.md",
+    "docs/getting_started.md",
+    "docs/studies.md",
+    "docs/robust.md",
+    "docs/gym.md",
+)
 
 
 def blocks(page, language):

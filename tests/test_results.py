@@ -111,6 +111,9 @@ MADE = {
     "SearchResult": lambda folder: rig.optimise(
         "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, out=folder, workers=1
     ),
+    "RobustResult": lambda folder: rig.optimise(
+        "belt", None, "modes.growth", against={"drive.speed": "+-5 %"}, out=folder, workers=1
+    ),
     "Compared": compared,
     "AgainstScene": lambda folder: rig.diff(
         golden("belt"),

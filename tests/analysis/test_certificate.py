@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+import rig as lab
 from rig.analysis.robust.certificate import PROVED, REFUTED, UNDECIDED, certify
+from rig.analysis.robust.growth import Growth
+from rig.analysis.robust.stated import box
 
 
 def oscillator(damping, stiffness=1.0):
@@ -159,3 +162,41 @@ def test_random_boxes_are_never_judged_wrongly():
         elif found.verdict == REFUTED:
             assert np.linalg.eigvals(rigs(found.rig)).real.max() > 0.0
     assert {PROVED, REFUTED} <= verdicts
+
+
+SHUNT = {"shunt.resistance": "5 ohm:300 ohm", "shunt.inductance": (3.6e-3, 59e-3), "shunt.delta": (-0.85, -0.2)}
+STACK = {"friction.mu": "+-2 %", "piezo.capacitance": "+-5 %", "shunt.delta": "+-5 %", "shunt.inductance": "+-5 %"}
+
+
+def shunted(resistance, inductance, delta):
+    """The matrices of the brake with a shunt over the box of the stack."""
+    scene = lab.load("brake_shunt", {"shunt.connected": True})
+    values = box(scene, SHUNT, STACK)
+    growth = Growth(scene, values, "modes.growth", (2000.0, 5000.0))
+    x = values.at({"shunt.resistance": resistance, "shunt.inductance": inductance, "shunt.delta": delta})
+    return growth, x
+
+
+@pytest.mark.slow
+def test_no_rig_of_the_robust_shunt_grows():
+    growth, x = shunted(16.494, 12.40309e-3, -0.8074014)
+    found = certify(lambda u: growth.matrix(x, u).A, 4, band=growth.band)
+    assert found.verdict == PROVED
+    assert found.boxes < 2500
+    assert found.error < 1e-11
+
+
+def test_the_nominally_best_shunt_is_refuted():
+    growth, x = shunted(40.56493, 11.26792e-3, -0.85)
+    found = certify(lambda u: growth.matrix(x, u).A, 4, band=growth.band, most=2500)
+    assert found.verdict == REFUTED
+    assert growth.value(x, found.rig)[0] > 0.0
+
+
+def test_two_dampers_hold_for_every_contact():
+    scene = lab.load("two_dof", {"spring_1.damping": 0.29823, "spring_2.damping": 0.30177, "spring_1.stiffness": 130.0})
+    growth = Growth(scene, box(scene, {}, {"friction.mu": "+-20 %", "contact.stiffness": "+-20 %"}))
+    x = np.zeros(0)
+    found = certify(lambda u: growth.matrix(x, u).A, 2, -0.07)  # its worst rig decays with 0.140 1/s
+    assert found.verdict == PROVED
+    assert certify(lambda u: growth.matrix(x, u).A, 2, -0.145).verdict == REFUTED

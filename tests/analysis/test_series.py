@@ -56,7 +56,7 @@ def small(monkeypatch):
     monkeypatch.setattr(design, "AUDIT", 100)
 
 
-@pytest.mark.parametrize(("damping", "verdict"), [(12.0, "proved"), (1.0, "refuted")])
+@pytest.mark.parametrize(("damping", "verdict"), [(52.0, "proved"), (49.0, "refuted")])
 def test_the_whole_box_of_a_belt_is_examined(tmp_path, small, damping, verdict):
     overrides = {"body.damping": damping}
     found = lab.optimise(
@@ -73,7 +73,7 @@ def test_the_whole_box_of_a_belt_is_examined(tmp_path, small, damping, verdict):
 def test_a_shunt_of_a_coarse_series_that_cannot_hold_is_said(tmp_path, small):
     over = {"shunt.resistance": "15 ohm:150 ohm", "shunt.inductance": "36 mH:37 mH"}
     scene = lab.load("brake_shunt", {"shunt.connected": True})
-    with pytest.raises(UsageError, match="no value of shunt.inductance between"):
+    with pytest.raises(UsageError, match=r"no value of shunt\.inductance between"):
         lab.optimise(
             scene,
             over,
@@ -97,7 +97,7 @@ def test_a_rounded_shunt_is_the_best_of_those_near_the_design(tmp_path, small):
         min(near(found.values["shunt.resistance"], "E12"), key=lambda v: abs(v - found.values["shunt.resistance"])),
         rel=1e-12,
     )
-    assert rounded["tried"] <= 16
+    assert 1 <= rounded["tried"] <= 16
     assert rounded["worst"] >= rounded["worst_before"]
     assert rounded["holds"] == (rounded["worst"] <= 0.0)
     assert "series E12" in found.text()

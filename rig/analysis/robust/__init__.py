@@ -27,7 +27,7 @@ from rig.analysis.pool import Progress
 from rig.analysis.robust.job import Job, prepared
 from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
-from rig.analysis.robust.search import search
+from rig.analysis.robust.search import find
 from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
@@ -46,6 +46,6 @@ def designed(
 
     `prove`: examine the whole box. Raises UsageError, SceneError, WorkerError; what is finished stays.
     """
-    found, folder = search(job, root, workers, progress, cluster)
+    found, folder = find(job, root, workers, progress, cluster)
     certificate = proved(job, found) if prove else None
     return RobustResult(job, found, provenance(job.seed), folder, certificate)

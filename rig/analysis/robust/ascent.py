@@ -62,7 +62,8 @@ def _ascent(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Arra
         return u
     bounds = [*zip(low.tolist(), high.tolist())]
     options = {"maxiter": _ROUNDS, "maxfun": _EVALUATIONS}
-    return np.clip(minimize(falling, u, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x, low, high)
+    found = minimize(falling, u, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+    return np.asarray(np.clip(found.x, low, high), dtype=np.float64)
 
 
 def _other_frames(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Array | None:

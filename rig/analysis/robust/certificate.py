@@ -438,8 +438,10 @@ def _apart(poles: Complex, piece: tuple[complex, complex], period: float) -> Arr
     begin, end = piece
     upright = begin.real == end.real
     if period:
-        return np.abs(np.abs(poles) - math.exp(begin.real * period)) * upright
-    return np.abs(poles.real - begin.real) if upright else np.abs(poles.imag - begin.imag)
+        apart = np.abs(np.abs(poles) - math.exp(begin.real * period)) * upright
+    else:
+        apart = np.abs(poles.real - begin.real) if upright else np.abs(poles.imag - begin.imag)
+    return np.asarray(apart)
 
 
 def _bordered(box: _Box, changes: Array, closest: Array) -> Array:

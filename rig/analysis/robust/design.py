@@ -51,7 +51,7 @@ def nominal_optimum(tasks: Tasks, seed: int) -> Array:
     """Return the design [free] with the smallest growth of the nominal rig."""
     rig = tasks.growth.box.centre[None]
     X = _starts(tasks, rig, _NOMINAL, seed)
-    return tasks.polished(X, rig)[0][0]
+    return np.asarray(tasks.polished(X, rig)[0][0])
 
 
 def robust(
@@ -125,4 +125,4 @@ def _starts(tasks: Tasks, U: Array, count: int, seed: int) -> Array:
     every = tasks.growths(np.repeat(X, len(U), axis=0), np.tile(U, (len(X), 1)))
     values = every.growth.reshape(len(X), len(U)).max(axis=1)
     values = values + [beyond(x, tasks.limits) for x in X]
-    return X[np.argsort(values, kind="stable")[:count]]
+    return np.asarray(X[np.argsort(values, kind="stable")[:count]])

@@ -72,7 +72,7 @@ class Findings(NamedTuple):
     rounded: Rounded | None = None
 
 
-def search(
+def find(
     job: Job, root: Path, workers: int | None = None, progress: Progress | None = None, cluster: str = ""
 ) -> tuple[Findings, Path]:
     """Carry out a robust design; return what it has found and the folder of its units.

@@ -62,7 +62,7 @@ def _influence(growth: Growth, x: Array, u: Array) -> Array:
         pieces = growth.pieces(x, u, of_rig=True, kept=1)
     except NoSliding:
         return np.ones(len(u))
-    return np.max([np.abs(piece.slope) for piece in pieces], axis=0)
+    return np.asarray(np.max([np.abs(piece.slope) for piece in pieces], axis=0))
 
 
 def worst(tasks: Tasks, x: Array, region: Region | None = None, seeds: Array | None = None) -> Worst:
