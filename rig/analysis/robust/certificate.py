@@ -459,7 +459,7 @@ def _beyond(box: _Box, far: float) -> Array:
     """B of all that lies beyond a distance [rad/s]: [change + 1, change + 1]."""
     closest = 1.0 / (far - np.abs(box.poles))[None]
     products = np.abs(box.right[:, None, :] * box.left.T[None, :, :]).reshape(-1, len(box.poles)).T
-    return _bordered(box, closest @ products, closest)[0]
+    return np.asarray(_bordered(box, closest @ products, closest)[0])
 
 
 def _farthest(box: _Box, far: float) -> tuple[float, bool]:
