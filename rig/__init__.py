@@ -539,6 +539,13 @@ def optimise(
     decay: Annotated[
         float | str | None, Option("RATE", 'Least decay that a tolerance keeps: "5 1/s". Default: nothing grows.')
     ] = None,
+    series: Annotated[
+        str | None,
+        Option("NAME", "Components of a series, with --against: E6, E12, E24, E48, E96 or E192. Default: any value."),
+    ] = None,
+    prove: Annotated[
+        bool, Option("", "With --against: prove that no rig of the box grows, or say what is left.")
+    ] = False,
     evaluations: Annotated[int, Option("N", "Largest number of points.", low=1, high=1_000_000)] = 600,
     seed: Seed = None,
     duration: Duration = None,
@@ -559,15 +566,15 @@ def optimise(
     from pathlib import Path
 
     loaded = _scene(scene, overrides, untold, redesign)
-    if against is None and band is None and limit is None and decay is None:
+    if against is None and band is None and limit is None and decay is None and series is None and not prove:
         from rig.analysis.studies.search import prepared, search
 
         work = prepared(loaded, over or {}, minimise, maximise, evaluations, seed, duration)
         return search(work, Path(out), workers, cluster=cluster)
     from rig.analysis import robust
 
-    job = robust.prepared(loaded, over or {}, against or {}, minimise, maximise, band, limit, decay, seed)
-    return robust.designed(job, Path(out), workers, cluster=cluster)
+    job = robust.prepared(loaded, over or {}, against or {}, minimise, maximise, band, limit, decay, seed, series)
+    return robust.designed(job, Path(out), workers, cluster=cluster, prove=prove)
 
 
 def identify(

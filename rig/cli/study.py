@@ -112,6 +112,8 @@ def optimise(
     band: str | None,
     limit: Sequence[str],
     decay: str | None,
+    series: str | None,
+    prove: bool,
     overrides: Given,
     untold: Given,
     workers: int | None,
@@ -135,13 +137,13 @@ def optimise(
     from rig.analysis.studies.search import search as carry_out
 
     _once(over, overrides, untold)
-    if against or band is not None or limit or decay is not None:
+    if against or prove or limit or any(given is not None for given in (band, decay, series)):
         unused = [name for name in ("evaluations", "duration") if _typed(context, name)]
         if unused:
             raise UsageError(f"--{unused[0]}: belongs to a search without --against; leave it out")
         asked = {name: search[name] for name in ("minimise", "maximise", "seed")}
-        job = robust.prepared(scene, over, against, band=band, limit=limit, decay=decay, **asked)
-        return _robust(scene, scene_name, job, workers, cluster, out, force, write)
+        job = robust.prepared(scene, over, against, band=band, limit=limit, decay=decay, series=series, **asked)
+        return _robust(scene, scene_name, job, workers, cluster, out, force, write, prove)
     if write is not None:
         raise UsageError("--write: writes a scene that was designed against something; add --against")
     work = prepared(scene, over, **search)
@@ -167,6 +169,7 @@ def _robust(
     out: Path,
     force: bool,
     file: Path | None,
+    prove: bool,
 ) -> Answer:
     """Design against uncertain values."""
     from rig.analysis import robust
@@ -177,7 +180,7 @@ def _robust(
     store = Store.of(job.work, at(out))
     refuse(store.folder, ("robust.csv",), force)
     with printing.kept(store, "batches of rigs"), printing.bar("rigs") as progress:
-        result = robust.designed(job, at(out), workers, progress, cluster)
+        result = robust.designed(job, at(out), workers, progress, cluster, prove)
     written = [] if file is None else [f"{write(result, file, scene_name)}: the designed scene"]
     return in_folder(result, store.folder, "robust", below=written, good=result.held)
 

@@ -27,6 +27,7 @@ from rig.analysis.cycles.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import UsageError
 from rig.printable import columns, counted
+from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, steady
 from rig.units import si
@@ -407,6 +408,8 @@ class Threshold:
             at = f"{knock.phase:.4g} s into the period" if knock.back else ""
             rows.append((what, f"{knock.size:.8g} {knock.unit}", at, "yes" if knock.confirmed else "no"))
         lines = [*columns(rows, "<><<")]
+        if text := left_out(self.rig.scene):
+            lines.append(f"{text}: with its loop closed the least knock is another one")
         if self.stable is None:
             lines.append(
                 "no stable cycle was followed at this value, which may lie beside its end: no knock back is computed"

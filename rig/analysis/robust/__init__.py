@@ -9,8 +9,12 @@ ascent     from a rig to a worse one
 worst      the worst rig of a design
 tasks      the units of work that a pool computes
 design     the robust design, the nominal optimum, the audit
+certificate
+           whether no rig of a box grows: proved, refuted or undecided
 job        what is asked for, checked; its units in a pool and a store
 search     design, nominal optimum and scene beside each other; the audit; what each value costs
+proof      the certificate of a design
+series     components of a series in place of any value
 tolerance  the largest ranges that a design can hold
 result     text, JSON and CSV; its figures; the designed scene as a file
 """
@@ -21,6 +25,7 @@ from pathlib import Path
 
 from rig.analysis.pool import Progress
 from rig.analysis.robust.job import Job, prepared
+from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import find
 from rig.record.provenance import provenance
@@ -30,11 +35,17 @@ ROOT = Path("searches")
 
 
 def designed(
-    job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None, cluster: str = ""
+    job: Job,
+    root: Path = ROOT,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    cluster: str = "",
+    prove: bool = False,
 ) -> RobustResult:
     """Carry out a robust design; results that its folder under `root` contains already are not computed again.
 
-    Raises UsageError, SceneError, WorkerError; what is finished stays.
+    `prove`: examine the whole box. Raises UsageError, SceneError, WorkerError; what is finished stays.
     """
     found, folder = find(job, root, workers, progress, cluster)
-    return RobustResult(job, found, provenance(job.seed), folder)
+    certificate = proved(job, found) if prove else None
+    return RobustResult(job, found, provenance(job.seed), folder, certificate)

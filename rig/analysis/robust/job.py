@@ -19,6 +19,7 @@ from rig.analysis.robust.box import Box
 from rig.analysis.robust.design import AUDIT, FIRST
 from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.limits import Limit, limits
+from rig.analysis.robust.series import checked
 from rig.analysis.robust.stated import box
 from rig.analysis.robust.tasks import Tasks, Units, compute
 from rig.analysis.studies.factors import Identified
@@ -39,7 +40,7 @@ class Job:
     """A robust design of `scene`: the values of `box`, the `measure` (modes.growth, loop.growth), the `band` [Hz].
 
     `tolerance`: the growth is not made small, but the range of this key (or, "", of all keys) large, at which nothing
-    grows, or decays with `decay` [1/s]; None: the growth is.
+    grows, or decays with `decay` [1/s]; None: the growth is. `series`: of the components of the design; "": any value.
     """
 
     scene: Scene
@@ -50,13 +51,14 @@ class Job:
     tolerance: str | None
     decay: float
     seed: int
+    series: str = ""
 
     @property
     def identity(self) -> list[Any]:
         """What the results depend on, besides scene and sources."""
         limits = [limit.text for limit in self.limits]
         files = [value.given.content for value in self.box.uncertain if isinstance(value.given, Identified)]
-        asked = [self.measure, self.band, limits, self.tolerance, self.decay, self.seed, AUDIT]
+        asked = [self.measure, self.band, limits, self.tolerance, self.decay, self.seed, AUDIT, self.series]
         return [self.box, *asked, *files, scipy.__version__]
 
     @property
@@ -113,11 +115,13 @@ def prepared(
     limit: Iterable[str] | None = None,
     decay: Any = None,
     seed: int | None = None,
+    series: str | None = None,
 ) -> Job:
     """Return a checked design of `scene`; see `rig.optimise`. Raises SceneError, UsageError with every fault."""
     if not against:
         raise UsageError(
-            "band, limit and decay belong to a design against what is not known of the rig; state that as well: "
+            "band, limit, decay, series and prove belong to a design against what is not known of the rig; state that "
+            "as well: "
             '--against "friction.mu=+-2 %"'
         )
     faults = Faults()
@@ -129,11 +133,12 @@ def prepared(
     kept: tuple[Limit, ...] = () if stated is None else faults(lambda: limits(values, limit or ()), ())
     least = faults(lambda: _decay(decay, key), 0.0)
     first = faults(lambda: first_seed(scene, seed), 0)
+    components = "" if stated is None else faults(lambda: checked(series, values), "")
     if not faults.found:
         faults.found += _useless(scene, values, measure)
         faults.found += _no_tolerance(values, key)
     faults.raise_found()
-    return Job(scene, values, measure, ends, kept, key, least, first)
+    return Job(scene, values, measure, ends, kept, key, least, first, components)
 
 
 def _measure(scene: Scene, values: Box, minimise: Any, maximise: Any) -> tuple[str, str | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.robust.box import Uncertain
+from rig.analysis.robust.certificate import PROVED, REFUTED, Certificate
 from rig.analysis.robust.growth import LOOP, Growth, Matrix, NoSliding
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
@@ -43,6 +44,8 @@ class RobustResult(Result):
     found: Findings
     provenance: Mapping[str, str]
     folder: Path
+    certificate: Certificate | None = None
+    """Of the whole box, if it was asked for."""
 
     @property
     def entries(self) -> dict[str, Entry]:
@@ -110,7 +113,9 @@ class RobustResult(Result):
         yield ""
         yield self._rigs()
         yield ""
+        yield from (f"  {line}" for line in self._components())
         yield from (f"  {line}" for line in self._sure())
+        yield from (f"  {line}" for line in self._proof())
         yield from (f"  {line}" for line in self._notes())
 
     def _headline(self) -> str:
@@ -215,6 +220,50 @@ class RobustResult(Result):
             rows.append((len(rows) + 1, *at.values(), *ends))
         return Table("rigs", columns, rows)
 
+    def _components(self) -> Iterator[str]:
+        """What rounding to a series has done."""
+        rounded = self.found.rounded
+        if rounded is None:
+            return
+        before = self.job.box.design(rounded.before)
+        chosen = self.values
+        for axis in self.job.box.free:
+            if before[axis.key] != chosen[axis.key]:
+                was = f"{before[axis.key] / axis.scale:.6g} {axis.shown}"
+                yield f"series {rounded.series}: {axis.key} {axis.text(chosen[axis.key])} in place of {was}"
+        bad = rounded.worst.growth
+        yield f"series {rounded.series}: worst rig {bad:.5g} 1/s, with any values {rounded.growth:.5g} 1/s"
+        if bad > self.job.target:
+            yield (
+                f"no values of series {rounded.series} near the design hold: of {rounded.tried} combinations the best "
+                "is this one; take a finer series, or trim a component"
+            )
+
+    def _proof(self) -> Iterator[str]:
+        """What is known of the whole box."""
+        certificate = self.certificate
+        if certificate is None:
+            return
+        limit = f"no rig of the box grows by more than {certificate.limit:g} 1/s"
+        what = limit if certificate.limit else "no rig of the box grows"
+        boxes = counted(certificate.boxes, "part")
+        if certificate.verdict == PROVED:
+            yield f"proved: {what} (the box in {boxes})"
+            yield (
+                f"  it rests on the matrix as a polynomial of degree {certificate.degree}, error "
+                f"{certificate.error:.1e} of its largest entry, and on what each box leaves out of it"
+            )
+        elif certificate.verdict == REFUTED and certificate.rig is not None:
+            rig = self.job.box.rig(self.values, certificate.rig)
+            at = ", ".join(f"{key} = {value:.6g}" for key, value in rig.items())
+            yield f"not proved that {what}: refuted by the rig {at}"
+        else:
+            why = certificate.why or (
+                f"{100.0 * certificate.share:.3g} % of the box is proved, "
+                f"{counted(certificate.left, 'part')} of it left after {boxes}"
+            )
+            yield f"undecided whether {what}: {why}"
+
     def _sure(self) -> Iterator[str]:
         """What the audit says."""
         growth = self.found.audit.growth
@@ -286,11 +335,35 @@ class RobustResult(Result):
                 "worst": _finite(float(growth.max())),
                 "share_that_can_be_worse": confidence(len(growth)),
             },
+            "series": self._rounded_facts(),
+            "certificate": self._certificate_facts(),
             "without_influence": list(found.idle),
             "at_the_edge": list(found.edges),
             "belief": list(self._remarks()),
             "folder": str(self.folder),
         }
+
+    def _rounded_facts(self) -> dict[str, Any] | None:
+        rounded = self.found.rounded
+        if rounded is None:
+            return None
+        return {
+            "name": rounded.series,
+            "before": self.job.box.design(rounded.before),
+            "worst_before": _finite(rounded.growth),
+            "worst": _finite(rounded.worst.growth),
+            "tried": rounded.tried,
+            "holds": bool(rounded.worst.growth <= self.job.target),
+        }
+
+    def _certificate_facts(self) -> dict[str, Any] | None:
+        certificate = self.certificate
+        if certificate is None:
+            return None
+        facts = asdict(certificate)
+        del facts["seconds"]
+        facts["rig"] = None if certificate.rig is None else self.job.box.rig(self.values, certificate.rig)
+        return facts
 
 
 def _ends(share: float) -> bool:

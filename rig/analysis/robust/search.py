@@ -14,6 +14,7 @@ from rig.analysis.pool import Progress
 from rig.analysis.robust.design import Designed, audited, nominal_optimum, robust
 from rig.analysis.robust.growth import Growth, NoSliding, Piece
 from rig.analysis.robust.job import Job, carried_out
+from rig.analysis.robust.series import Rounded, rounded
 from rig.analysis.robust.tasks import Found, Region, Tasks
 from rig.analysis.robust.tolerance import region_of, tolerance
 from rig.analysis.robust.worst import Worst, ascended, whole, worst
@@ -51,7 +52,8 @@ class Findings(NamedTuple):
     rigs of the robust design; `beside` [rig]: growth of the same with the nominal optimum. `relief` [uncertain]: by how
     much less the worst rig grows with the nominal value; `percent`: growth of the worst rig if this range is a percent
     of its value wider, a delay a frame. `idle`: keys without influence. `stuck`: frequency of the mode that limits
-    every design and moves with none. `edges`: frequencies [Hz] of modes beside an edge of the band.
+    every design and moves with none. `edges`: frequencies [Hz] of modes beside an edge of the band. `rounded`: to
+    components of a series, which the robust design then has.
     `assembled`: number of rigs.
     """
 
@@ -67,6 +69,7 @@ class Findings(NamedTuple):
     stuck: float
     edges: tuple[float, ...]
     assembled: int
+    rounded: Rounded | None = None
 
 
 def find(
@@ -97,6 +100,10 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         factor = 0.0 if found is None else found.factor
         region = region_of(tasks, job.number, factor)
         design = robust(tasks, job.seed, also, region) if found is None else found.design
+    components = None
+    if job.series:
+        components = rounded(tasks, design.x, design.worst, design.rigs, region, job.limits, job.series)
+        design = design._replace(x=components.x, worst=components.worst, audit=None)
     x = design.x
     entries = [_entry(tasks, ROBUST, x, region, design.worst)]
     if optimum is not None:
@@ -120,6 +127,7 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         _stuck(tasks.growth, design),
         _edges(tasks.growth, entries),
         tasks.count,
+        components,
     )
 
 

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.analysis.identification.written import base_of, value_line
+from rig.analysis.robust.certificate import PROVED
 from rig.analysis.robust.result import DESIGNED, RobustResult
 from rig.errors import UsageError
 from rig.machine.files import write_file
@@ -43,12 +44,24 @@ def scene_text(result: RobustResult, based_on: str) -> str:
             text = value if isinstance(value, bool) or unit in ("", "1") else f"{value} {unit}"
             tables.setdefault(table, []).append(f'{field} = [{json.dumps(text)}, "user"]')
     tolerances = {value.key: result.tolerance(value) for value in job.box.uncertain}
+    margins = _margins(result)
     for axis in job.box.free:
         table, _, field = axis.key.rpartition(".")
         tolerance = f", tolerance {tolerances[axis.key]}" if axis.key in tolerances else ""
-        note = f"rig optimise, {today}{tolerance}"
+        note = f"rig optimise, {today}{tolerance}; {margins}"
         line = value_line(field, repr(result.values[axis.key]), axis.unit, DESIGNED, note)
         tables.setdefault(table, []).append(line)
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]
     return "\n".join([*lines, ""])
+
+
+def _margins(result: RobustResult) -> str:
+    """The growth of nominal and worst rig and the share of random rigs that grow, which rig explain shows."""
+    growths = result.found.audit.growth
+    nominal = result.found.entries[0].nominal[0]
+    grow = int((growths > 0.0).sum())
+    margins = f"growth of the nominal rig {nominal:.5g} 1/s, of the worst one {result.worst:.5g} 1/s"
+    proof = result.certificate
+    known = "; no rig of the box grows (proved)" if proof is not None and proof.verdict == PROVED else ""
+    return f"{margins}; {grow} of {len(growths)} random rigs grow{known}"

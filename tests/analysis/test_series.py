@@ -1,0 +1,103 @@
+"""Components of a series in place of any value, and the whole box of a design examined."""
+
+import math
+
+import pytest
+
+import rig as lab
+from rig.analysis.robust import design
+from rig.analysis.robust.job import prepared
+from rig.analysis.robust.series import SERIES, decade, near
+from rig.errors import UsageError
+
+DAMPING = {"body.damping": "8 N*s/m:20 N*s/m"}
+BELT = {"friction.mu_static": "+-10 %", "drive.speed": "+-10 %"}
+
+
+def test_the_series_of_the_standard():
+    assert {name: len(decade(name)) for name in SERIES} == SERIES
+    assert decade("E6") == [1.0, 1.5, 2.2, 3.3, 4.7, 6.8]
+    assert decade("E12") == [1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2]
+    assert decade("E96")[:5] == [1.0, 1.02, 1.05, 1.07, 1.1]
+    assert 9.2 in decade("E192")
+    assert set(decade("E48")) <= set(decade("E96")) <= set(decade("E192"))
+
+
+@pytest.mark.parametrize(
+    ("value", "series", "expected"),
+    [
+        (16.494, "E96", [15.8, 16.2, 16.5, 16.9]),
+        (0.01240309, "E96", [0.0121, 0.0124, 0.0127, 0.013]),
+        (1.0, "E6", [0.47, 0.68, 1.0, 1.5]),
+        (9.9e-9, "E12", [6.8e-9, 8.2e-9, 1e-8, 1.2e-8]),
+    ],
+)
+def test_values_beside_a_design(value, series, expected):
+    assert near(value, series) == expected
+
+
+def test_what_is_no_series_and_no_component_is_refused():
+    scene = lab.load("belt")
+    with pytest.raises(UsageError, match="E6, E12"):
+        prepared(scene, DAMPING, BELT, "modes.growth", series="E7")
+    with pytest.raises(UsageError, match="no free value is a component"):
+        prepared(scene, DAMPING, BELT, "modes.growth", series="E96")
+
+
+def test_series_and_proof_belong_to_a_design_against_something():
+    with pytest.raises(UsageError, match="against what is not known"):
+        lab.optimise("belt", DAMPING, "modes.growth", series="E96")
+    with pytest.raises(UsageError, match="against what is not known"):
+        lab.optimise("belt", DAMPING, "modes.growth", prove=True)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr(design, "AUDIT", 100)
+
+
+@pytest.mark.parametrize(("damping", "verdict"), [(52.0, "proved"), (49.0, "refuted")])
+def test_the_whole_box_of_a_belt_is_examined(tmp_path, small, damping, verdict):
+    overrides = {"body.damping": damping}
+    found = lab.optimise(
+        "belt", None, "modes.growth", against=BELT, prove=True, overrides=overrides, out=tmp_path, workers=1
+    )
+    speed, scale = 0.054, 0.05
+    slope = -(0.55 - 0.18) / scale * math.exp(-speed / scale)
+    assert (-(damping + 20.0 * slope) / 10.0 < 0.0) == (verdict == "proved")  # the closed form of the worst rig
+    assert found.certificate.verdict == verdict
+    assert found.to_json()["certificate"]["verdict"] == verdict
+    assert ("proved: no rig of the box grows" in found.text()) == (verdict == "proved")
+
+
+def test_a_shunt_of_a_coarse_series_that_cannot_hold_is_said(tmp_path, small):
+    over = {"shunt.resistance": "15 ohm:150 ohm", "shunt.inductance": "36 mH:37 mH"}
+    scene = lab.load("brake_shunt", {"shunt.connected": True})
+    with pytest.raises(UsageError, match=r"no value of shunt\.inductance between"):
+        lab.optimise(
+            scene,
+            over,
+            "modes.growth",
+            against={"friction.mu": "+-1 %"},
+            band="2 kHz:5 kHz",
+            series="E6",
+            out=tmp_path,
+            workers=1,
+        )
+
+
+def test_a_rounded_shunt_is_the_best_of_those_near_the_design(tmp_path, small):
+    over = {"shunt.resistance": "15 ohm:150 ohm", "shunt.inductance": "20 mH:50 mH"}
+    scene = lab.load("brake_shunt", {"shunt.connected": True})
+    found = lab.optimise(
+        scene, over, "modes.growth", against={"friction.mu": "+-1 %"}, band="2 kHz:5 kHz", series="E12", out=tmp_path
+    )
+    rounded = found.to_json()["series"]
+    assert found.values["shunt.resistance"] == pytest.approx(
+        min(near(found.values["shunt.resistance"], "E12"), key=lambda v: abs(v - found.values["shunt.resistance"])),
+        rel=1e-12,
+    )
+    assert 1 <= rounded["tried"] <= 16
+    assert rounded["worst"] >= rounded["worst_before"]
+    assert rounded["holds"] == (rounded["worst"] <= 0.0)
+    assert "series E12" in found.text()
