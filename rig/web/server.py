@@ -142,8 +142,8 @@ def serve(
     """Serve the page until Ctrl-C; with `browser` open it there. The scene files are those of the working directory.
 
     The first Ctrl-C ends the present run in order, a second one ends its processes at once. `ticket`: that of an
-    operator of a run on another host, which the page shows. `share` (HOST:PORT): where a class watches. Raises UsageError,
-    BusError.
+    operator of a run on another host, which the page shows. `share` (HOST:PORT): where a class watches. Raises
+    UsageError, BusError.
     """
     if sys.platform != "win32":
         import resource

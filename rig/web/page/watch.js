@@ -37,6 +37,7 @@ const back = h("button", { id: "give-back", onclick: () => act(() => post("/api/
 const who = data("span", { class: "grow", id: "who", role: "status" });
 const pause = h("button", { id: "pause", onclick: () => act(() => bench.command({ do: store.state.phase === "paused" ? "resume" : "pause" })) });
 const values = h("section", { class: "card stack hands", "aria-label": t("values"), hidden: true }, hands.element);
+hands.box.setAttribute("aria-busy", "false");
 const emergency = top.element.querySelector("#emergency");
 
 document.getElementById("head").replaceWith(top.element);
