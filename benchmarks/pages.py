@@ -152,6 +152,7 @@ class Bench:
         self.cookie = f"bench-{port}={token}"
 
     def ask(self, path: str, body: dict[str, Any] | None = None) -> Any:
+        """The answer to a request: POST with a body, GET without one."""
         line = http.client.HTTPConnection("127.0.0.1", self._port, timeout=30.0)
         try:
             text = None if body is None else json.dumps(body)

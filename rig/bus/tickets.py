@@ -92,7 +92,10 @@ class Listener:
         kind, _, place = self.endpoint.partition("/")
         port = place.rpartition(":")[2]
         if kind != "tls" or not port.isdecimal():
-            raise UsageError(f"{given}: expected tls/HOST:PORT, such as tls/192.168.7.2:7450")
+            raise UsageError(
+                f"{given}: expected tls/HOST:PORT with the name or address under which other hosts reach this one, "
+                "such as tls/192.168.7.2:7450"
+            )
         known = (*controllers, *SEATS)
         if unknown := [seat for seat in self.seats if seat not in known]:
             raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")

@@ -37,6 +37,7 @@ class Broadcast:
     def __init__(self, history: int = HISTORY, spaced_s: float = 0.0) -> None:
         self._spaced_s = spaced_s
         self._waking = False
+        self._released = 0  # version of the newest frame that pages may get
         self._made: dict[int, list[str]] = {}  # version of a page -> messages of the frames since
         self._newest: dict[str, tuple[int, str]] = {}
         self._frames: deque[tuple[int, Frame]] = deque(maxlen=history)
@@ -87,6 +88,8 @@ class Broadcast:
 
         A page that was too slow gets the latest `KEPT` frames and those with events, and coarse ones for the others.
         """
+        if version >= self._released:  # an acknowledgement, and not the time for the next message
+            return []
         if version not in self._made:
             self._made[version] = self._frames_since(version)
         return self._made[version]
@@ -108,6 +111,7 @@ class Broadcast:
 
     def _wake(self) -> None:
         self._waking = False
+        self._released = self._version
         for page in self._pages:
             page.kick.set()
 
@@ -147,8 +151,9 @@ class Page:
             if self._sent - self._acknowledged < AHEAD:
                 self._version, newer = self._broadcast.since(self._version)
                 if not self._hidden:
-                    newer += self._broadcast.frames(self._drawn)
-                    self._drawn = self._version
+                    frames = self._broadcast.frames(self._drawn)
+                    newer += frames
+                    self._drawn = self._version if frames else self._drawn
                 if newer:
                     self._sent += len(newer)
                     return newer

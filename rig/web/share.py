@@ -36,6 +36,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.exceptions import InvalidState
 
 from rig.bus.certificates import Authority
 from rig.bus.tickets import check_place
@@ -185,7 +186,8 @@ class Share:
 
     async def serve(self) -> None:
         """Serve until `stop` is called."""
-        await self._server.serve(sockets=[self._socket])
+        with suppress(InvalidState):  # uvicorn closes once more what closes already
+            await self._server.serve(sockets=[self._socket])
 
     def stop(self) -> None:
         """End the server soon."""

@@ -258,3 +258,21 @@ def test_a_place_where_it_cannot_listen_is_refused(folder, place, why):
 def test_a_place_in_use_is_refused(server, folder):
     with pytest.raises(UsageError, match="another process listens there"):
         Server(0, folder, share=server.share.address.removeprefix("https://").partition("/")[0])
+
+
+def test_pictures_of_a_class_keep_their_time_whatever_a_watcher_sends():
+    async def texts():
+        broadcast = share.Broadcast(share.HISTORY, 0.05)
+        page = broadcast.connect()
+        counts = []
+        for n in range(1, 5):
+            broadcast.frame(Frame(json.dumps({"n": n}), False))
+            page.heard(json.dumps({"ack": 99}))
+            try:
+                counts.append(len(await asyncio.wait_for(page.next(), 0.001)))
+            except TimeoutError:
+                counts.append(0)
+        (text,) = await page.next()
+        return counts, [frame["n"] for frame in json.loads(text)["frames"]]
+
+    assert asyncio.run(texts()) == ([0, 0, 0, 0], [1, 2, 3, 4])
