@@ -73,7 +73,7 @@ class Broadcast:
             self._wake()
         elif not self._waking:
             self._waking = True
-            asyncio.get_running_loop().call_later(self._spaced_s, self._wake)
+            asyncio.get_running_loop().call_later(self._spaced_s, self._wake_late)
 
     def _next(self) -> None:
         self._version += 1
@@ -109,8 +109,11 @@ class Broadcast:
             before = number
         return [f'{{"kind": "frames", "frames": [{", ".join(texts)}]}}'] if texts else []
 
-    def _wake(self) -> None:
+    def _wake_late(self) -> None:
         self._waking = False
+        self._wake()
+
+    def _wake(self) -> None:
         self._released = self._version
         for page in self._pages:
             page.kick.set()

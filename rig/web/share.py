@@ -274,20 +274,23 @@ class Watchers:
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            with suppress(RuntimeError, WebSocketDisconnect):
-                await asyncio.wait_for(socket.close(REFUSED), 1.0)
+            with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await socket.close(REFUSED)
             self._left(watcher)
 
     async def _send(self, socket: WebSocket, page: Page) -> None:
         while True:
             try:
-                messages = await asyncio.wait_for(page.next(), READING_S)
+                async with asyncio.timeout(READING_S):  # wait_for of Python 3.11 can lose the end of its task
+                    messages = await page.next()
             except TimeoutError:
                 if page.behind:
                     return
                 continue
             for message in messages:
-                await asyncio.wait_for(socket.send_text(message), READING_S)
+                async with asyncio.timeout(READING_S):
+                    await socket.send_text(message)
 
     async def _hear(self, socket: WebSocket, page: Page) -> None:
         rate = Rate(burst=2 * MESSAGES, per_s=MESSAGES)
