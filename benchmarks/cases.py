@@ -14,6 +14,7 @@ from benchmarks import (
     against,
     boards,
     branches,
+    classroom,
     first_run,
     kernels,
     loop,
@@ -192,6 +193,16 @@ GROUPS = {
         (
             _most("p99_ratio", "step to command over TLS, 99th percentile", 1.5, "of the unix socket"),
             _most("verdict", "VALID", 0.0, "verdict"),
+        ),
+    ),
+    "classroom": Group(
+        f"rig web --share: a paced run at 1 kHz that {classroom.WATCHERS} watchers read, with disturbers",
+        lambda asked: classroom.classroom(10.0 if asked.quick else 60.0, disturbed=True),
+        (
+            _most("verdict", "a run that a class watches: VALID", 0.0, "verdict"),
+            Case("pictures_per_s", "worst watcher of a class", 8.0, "pictures/s"),
+            _most("delay_s.p99", "delay, worst watcher of a class", 0.25, "s"),
+            _most("memory_MB", "memory of the server for each watcher", 3.0, "MB"),
         ),
     ),
     "pages": Group(

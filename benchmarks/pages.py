@@ -73,8 +73,9 @@ def _watched(seconds: float, program: str | None) -> dict[str, Any]:
     """The figures of a run that `program` watches; None: that pages without a browser watch."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        port, token = stack.enter_context(_server(folder))
-        bench, more = _Bench(port, token), {}
+        _, (address,) = stack.enter_context(server(folder))
+        port, token = parted(address)
+        bench, more = Bench(port, token), {}
         body = {"scene": SCENE, "duration": seconds + 5.0}
         if program:
             browser = stack.enter_context(_Browser(program, folder, port, token))
@@ -100,10 +101,10 @@ def _watched(seconds: float, program: str | None) -> dict[str, Any]:
             time.sleep(0.2)
     outcome = state["outcome"] or {"verdict": "INVALID", "reasons": [state["fault"]]}
     told = {"verdict": outcome["verdict"], "reasons": "; ".join(outcome["reasons"])}
-    return {**told, **_worst(seen, begin, end, start), **more}
+    return {**told, **worst(seen, begin, end, start), **more}
 
 
-def _worst(pages: list[list[tuple[float, float]]], begin: float, end: float, start: float) -> dict[str, Any]:
+def worst(pages: list[list[tuple[float, float]]], begin: float, end: float, start: float) -> dict[str, Any]:
     """Pictures per second, and delays [s], of the worst page; pictures are (wall time, simulated time), and simulated 0
     was at `start`.
     """
@@ -117,16 +118,17 @@ def _worst(pages: list[list[tuple[float, float]]], begin: float, end: float, sta
 
 
 @contextmanager
-def _server(folder: Path) -> Iterator[tuple[int, str]]:
-    """A `rig web` that works in `folder`: its port and token."""
-    command = [sys.executable, "-m", "rig", "web", "--no-open"]
+def server(folder: Path, share: str = "") -> Iterator[tuple[int, list[str]]]:
+    """A `rig web` that works in `folder`: its process, its address and, with `share`, that of the class."""
+    command = [sys.executable, "-m", "rig", "web", "--no-open", *(["--share", share] if share else [])]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
-        address = process.stdout.readline().split()[-1]
-        port, token = address.removeprefix("http://127.0.0.1:").split("/?token=")
+        addresses: list[str] = []
+        while len(addresses) < (2 if share else 1) and (line := process.stdout.readline()):
+            addresses += [word for word in line.split() if "token=" in word]
         threading.Thread(target=process.stdout.read, daemon=True).start()
-        yield int(port), token
+        yield process.pid, addresses
     finally:
         process.send_signal(signal.SIGINT)
         try:
@@ -136,7 +138,13 @@ def _server(folder: Path) -> Iterator[tuple[int, str]]:
             process.wait(10.0)
 
 
-class _Bench:
+def parted(address: str) -> tuple[int, str]:
+    """Port and token of an address."""
+    place, _, token = address.partition("/?token=")
+    return int(place.rpartition(":")[2]), token
+
+
+class Bench:
     """What a program asks of the server."""
 
     def __init__(self, port: int, token: str) -> None:
@@ -144,6 +152,7 @@ class _Bench:
         self.cookie = f"bench-{port}={token}"
 
     def ask(self, path: str, body: dict[str, Any] | None = None) -> Any:
+        """The answer to a request: POST with a body, GET without one."""
         line = http.client.HTTPConnection("127.0.0.1", self._port, timeout=30.0)
         try:
             text = None if body is None else json.dumps(body)

@@ -46,6 +46,35 @@ def parted(endpoint: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
+def check_place(given: str, place: str) -> tuple[str, int]:
+    """Host and port of a place HOST:PORT. Raises UsageError if nobody can listen there. `given`: the option."""
+    host, _, port = place.rpartition(":")
+    host = host.strip("[]")
+    if not host or not port.isdecimal():
+        raise UsageError(
+            f"{given}: expected HOST:PORT with the name or address under which other hosts reach this one, "
+            "such as 192.168.7.2:7450"
+        )
+    if host in _EVERYWHERE:
+        raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
+    if not _PORTS[0] <= int(port) <= _PORTS[1]:
+        raise UsageError(f"{given}: the port must be {_PORTS[0]} to {_PORTS[1]}; those below belong to the system")
+    try:
+        kind_of_address, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind_of_address) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind(address)
+            tried.listen()
+    except (socket.gaierror, UnicodeError):
+        raise UsageError(f"{given}: no address is known for the name {host}; give an address of this host") from None
+    except OSError as fault:
+        taken = fault.errno == errno.EADDRINUSE
+        other = "another process listens there; choose another port"
+        wrong = f"{fault.strerror}; give an address of this host"
+        raise UsageError(f"{given}: {other if taken else wrong}") from None
+    return host, int(port)
+
+
 @dataclass(frozen=True)
 class Listener:
     """Where a run listens for processes of other hosts (tls/HOST:PORT), the seats that it has for them, and how long
@@ -60,36 +89,17 @@ class Listener:
         """Raise UsageError if nobody can listen there, or if a seat is not there. `controllers`: those of the run."""
         extras.check("cryptography", "remote", "rig run --listen")
         given = f"--listen {self.endpoint}"
-        kind, _, rest = self.endpoint.partition("/")
-        host, _, port = rest.rpartition(":")
-        if kind != "tls" or not host or not port.isdecimal():
+        kind, _, place = self.endpoint.partition("/")
+        port = place.rpartition(":")[2]
+        if kind != "tls" or not port.isdecimal():
             raise UsageError(
                 f"{given}: expected tls/HOST:PORT with the name or address under which other hosts reach this one, "
                 "such as tls/192.168.7.2:7450"
             )
-        host = host.strip("[]")
-        if host in _EVERYWHERE:
-            raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
-        if not _PORTS[0] <= int(port) <= _PORTS[1]:
-            raise UsageError(f"{given}: the port must be {_PORTS[0]} to {_PORTS[1]}; those below belong to the system")
         known = (*controllers, *SEATS)
         if unknown := [seat for seat in self.seats if seat not in known]:
             raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")
-        try:
-            kind_of_address, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
-            with socket.socket(kind_of_address) as tried:
-                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                tried.bind(address)
-                tried.listen()
-        except socket.gaierror:
-            raise UsageError(
-                f"{given}: no address is known for the name {host}; give an address of this host"
-            ) from None
-        except OSError as fault:
-            taken = fault.errno == errno.EADDRINUSE
-            other = "another process listens there; choose another port"
-            wrong = f"{fault.strerror}; give an address of this host"
-            raise UsageError(f"{given}: {other if taken else wrong}") from None
+        check_place(given, place)
 
 
 @dataclass(frozen=True)

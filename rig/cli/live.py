@@ -275,10 +275,14 @@ def web(
         Path | None,
         Option("FILE", "Show the run on another host whose operator has this ticket: docs/remote.md.", "--ticket"),
     ] = None,
+    share: Annotated[
+        str | None,
+        Option("HOST:PORT", "Let a class watch from this address of this host, by HTTPS: docs/class.md.", "--share"),
+    ] = None,
 ) -> None:
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
-    The page is reachable from this machine only, under the printed address.
+    The page is reachable from this machine only, under the printed address. With --share others can watch.
     Ctrl-C ends the active run and the server.
     """
     from rig.bus.address import directory  # slow to import: only where a page is served
@@ -287,7 +291,7 @@ def web(
     _check_web("rig web")
     from rig.web.server import serve
 
-    serve(port, not no_open, _say, ticket)
+    serve(port, not no_open, _say, ticket, share)
 
 
 def _check_web(what: str) -> None:

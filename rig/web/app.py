@@ -8,6 +8,7 @@
     POST /api/run                 {scene, changes, pace, duration} -> starts a run
     POST /api/run/command         {do, run, ...} -> answer of the plant
     POST /api/run/set             {key, value, run} -> values after the change
+    POST /api/class               {do: hand, to} or {do: back} -> who operates the run that a class watches
     GET  /api/live                runs of other terminals
     POST /api/run/follow          {run} -> follows one of them;  /api/run/leave: no longer
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
@@ -55,12 +56,14 @@ from rig.web import lessons
 from rig.web.broadcast import Broadcast
 from rig.web.catalogue import Catalogue
 from rig.web.form import as_text, form, timing
+from rig.web.frames import Frame
 from rig.web.jobs import Jobs
 from rig.web.lessons import LessonJobs
 from rig.web.plain_json import Answer
 from rig.web.playback import at_rest, recorded
 from rig.web.recordings import Recordings
 from rig.web.run_control import RunControl
+from rig.web.seat import Seat, of_a_class
 from rig.web.sound import Sounds, packed
 from rig.web.studies import Studies
 
@@ -88,11 +91,13 @@ class Bench:
     def __init__(self, folder: Path, say: Callable[[str], object] = lambda _: None) -> None:
         self.catalogue = Catalogue(folder)
         self.broadcast = Broadcast()
+        self.seat = Seat(self._seated)
+        self._class: Broadcast | None = None
         self.sounds = Sounds()
         self.control = RunControl(
-            lambda: self._call(self.broadcast.put, "state", self.control.state),
-            partial(self._call, self.broadcast.frame),
-            partial(self._call, self.broadcast.put),
+            lambda: self._call(self._put, "state", self.control.state),
+            partial(self._call, self._frame),
+            partial(self._call, self._put),
             say,
             self._samples,
         )
@@ -110,7 +115,44 @@ class Bench:
     def attach(self) -> None:
         """Begin to pass what happens on to the pages, in the running event loop."""
         self._loop = asyncio.get_running_loop()
-        self.broadcast.put("state", self.control.state)
+        self._put("state", self.control.state)
+        if self._class is not None:
+            self._seated()
+
+    def share(self, broadcast: Broadcast) -> None:
+        """Tell a class what happens too, but not what belongs to the user alone."""
+        self._class = broadcast
+
+    def _put(self, kind: str, content: Any) -> None:
+        self.broadcast.put(kind, content)
+        if self._class is not None:
+            self._class.put(kind, of_a_class(content) if kind == "state" else content)
+
+    def _frame(self, frame: Frame) -> None:
+        self.broadcast.frame(frame)
+        if self._class is not None:
+            self._class.frame(frame)
+
+    def _seated(self) -> None:
+        self._call(self._put, "class", self.seat.state)
+
+    def of_class(self, body: dict[str, Any]) -> Any:
+        """Hand the operation over to a watcher, or take it back."""
+        if body.get("do") == "hand":
+            self.seat.hand(body.get("to"))
+        else:
+            self.seat.back()
+        return self.seat.state
+
+    def command(self, body: dict[str, Any]) -> Any:
+        """A command to the run, unless a watcher operates it."""
+        self.seat.check_user(body.get("do"))
+        return self.control.command(body)
+
+    def set(self, body: dict[str, Any]) -> Any:
+        """Change a value of the run, unless a watcher operates it."""
+        self.seat.check_user("set")
+        return self.control.set(body)
 
     def _call(self, function: Callable[..., object], *arguments: Any) -> None:
         if self._loop is not None:
@@ -168,15 +210,16 @@ def app(bench: Bench) -> Starlette:
     """The application, without the guard (`rig.web.server`)."""
     routes = [
         Route("/", _page),
-        Route("/page/look.css", _look),
+        Route("/page/look.css", look),
         Mount("/page", GZipMiddleware(StaticFiles(directory=PAGE))),
         _get("/api/scenes", lambda _: bench.catalogue.cards()),
         _post("/api/scene", bench.form),
         _post("/api/scene/save", bench.save),
         _get("/api/run", bench.state, _at_once),
         _post("/api/run", bench.start),
-        _post("/api/run/command", bench.control.command, bench.urgently),
-        _post("/api/run/set", bench.control.set),
+        _post("/api/run/command", bench.command, bench.urgently),
+        _post("/api/run/set", bench.set),
+        _post("/api/class", bench.of_class),
         _get("/api/live", bench.control.others),
         _post("/api/run/follow", bench.control.follow),
         _post("/api/run/leave", bench.control.leave),
@@ -210,7 +253,8 @@ async def _page(_: Request) -> Response:
     return Response(html.replace("</head>", f"{links}</head>"), media_type="text/html")
 
 
-async def _look(_: Request) -> Response:
+async def look(_: Request) -> Response:
+    """The style that the page shares with reports."""
     return FileResponse(LOOK)
 
 
@@ -226,12 +270,12 @@ def _answers(handler: Handler, run: Runs) -> Callable[[Request], Awaitable[Respo
     """A route that calls `handler` with the JSON object of the request by `run`, and answers in JSON."""
 
     async def answer(request: Request) -> Response:
-        return await run(lambda body: Answer(handler(body)), await _body(request))
+        return await run(lambda body: Answer(handler(body)), await body_of(request))
 
-    return _guarded(answer)
+    return guarded(answer)
 
 
-def _guarded(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+def guarded(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
     """A route whose refusals are answers."""
 
     async def guarded(request: Request) -> Response:
@@ -265,17 +309,18 @@ def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitab
         rules = ALONE if shown else None
         return FileResponse(path, filename=path.name, content_disposition_type=how, headers=rules)
 
-    return _guarded(answer)
+    return guarded(answer)
 
 
-async def _body(request: Request) -> dict[str, Any]:
+async def body_of(request: Request, largest: int = LARGEST) -> dict[str, Any]:
+    """The JSON object of a request, {} of one without a body. Raises UsageError; `largest`: in bytes."""
     if request.method != "POST":
         return {}
     text = b""
     async for part in request.stream():
         text += part
-        if len(text) > LARGEST:
-            raise UsageError(f"the request is longer than the {LARGEST} bytes that are allowed")
+        if len(text) > largest:
+            raise UsageError(f"the request is longer than the {largest} bytes that are allowed")
     try:
         body = json.loads(text)
         json.dumps(body, ensure_ascii=False).encode()  # half a character, which no answer could repeat

@@ -25,7 +25,8 @@ from rig.errors import BusError
 from rig.extras import needed
 from rig.machine.process import told_to_stop
 from rig.web.bridge_client import LOOK_S, Client
-from rig.web.server import HOST, Gate, listening
+from rig.web.guard import Gate, hosts_of
+from rig.web.server import HOST, listening
 
 CLIENTS = 8
 """Most clients at a time."""
@@ -57,7 +58,7 @@ class Bridge:
         self._socket = listening(port)
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
-        self._gate = Gate(self.port, self.token)
+        self._gate = Gate(hosts_of(self.port), "http", self.token)
         self._server = needed("websockets.sync.server", "web").serve(
             self._serve,
             sock=self._socket,

@@ -28,11 +28,19 @@ AHEAD = 2
 
 
 class Broadcast:
-    """The newest message of each kind, and the latest frames; all methods are called in the thread of the loop."""
+    """The newest message of each kind, and the latest frames; all methods are called in the thread of the loop.
 
-    def __init__(self) -> None:
+    `history`: frames that a page gets when it connects; `spaced_s`: least time between two messages with frames [s]. A
+    message is made once for all pages that have got the same before.
+    """
+
+    def __init__(self, history: int = HISTORY, spaced_s: float = 0.0) -> None:
+        self._spaced_s = spaced_s
+        self._waking = False
+        self._released = 0  # version of the newest frame that pages may get
+        self._made: dict[int, list[str]] = {}  # version of a page -> messages of the frames since
         self._newest: dict[str, tuple[int, str]] = {}
-        self._frames: deque[tuple[int, Frame]] = deque(maxlen=HISTORY)
+        self._frames: deque[tuple[int, Frame]] = deque(maxlen=history)
         self._spans: deque[tuple[int, Mapping[str, Spans]]] = deque(maxlen=COARSE)
         self._version = 0
         self._pages: set[Page] = set()
@@ -49,7 +57,7 @@ class Broadcast:
 
     def put(self, kind: str, content: Any) -> None:
         """Replace the message of a kind; every page gets the newest one."""
-        self._version += 1
+        self._next()
         self._newest[kind] = (self._version, plain_json.text({"kind": kind, kind: content}))
         if kind == "setup":  # frames of another run
             self._frames.clear()
@@ -58,10 +66,18 @@ class Broadcast:
 
     def frame(self, frame: Frame) -> None:
         """Add a frame."""
-        self._version += 1
+        self._next()
         self._frames.append((self._version, frame))
         self._spans.append((self._version, frame.spans))
-        self._wake()
+        if not self._spaced_s:
+            self._wake()
+        elif not self._waking:
+            self._waking = True
+            asyncio.get_running_loop().call_later(self._spaced_s, self._wake_late)
+
+    def _next(self) -> None:
+        self._version += 1
+        self._made.clear()
 
     def since(self, version: int) -> tuple[int, list[str]]:
         """The present version, and the messages other than frames that are newer than `version`."""
@@ -72,6 +88,13 @@ class Broadcast:
 
         A page that was too slow gets the latest `KEPT` frames and those with events, and coarse ones for the others.
         """
+        if version >= self._released:  # an acknowledgement, and not the time for the next message
+            return []
+        if version not in self._made:
+            self._made[version] = self._frames_since(version)
+        return self._made[version]
+
+    def _frames_since(self, version: int) -> list[str]:
         new = [(number, frame) for number, frame in self._frames if number > version]
         old = len(new) - KEPT if version else 0
         texts = []
@@ -86,7 +109,12 @@ class Broadcast:
             before = number
         return [f'{{"kind": "frames", "frames": [{", ".join(texts)}]}}'] if texts else []
 
+    def _wake_late(self) -> None:
+        self._waking = False
+        self._wake()
+
     def _wake(self) -> None:
+        self._released = self._version
         for page in self._pages:
             page.kick.set()
 
@@ -113,6 +141,11 @@ class Page:
                 self._hidden = bool(said.get("hidden", self._hidden))
                 self.kick.set()
 
+    @property
+    def behind(self) -> bool:
+        """Whether it has not acknowledged what it was sent."""
+        return self._acknowledged < self._sent
+
     async def next(self) -> list[str]:
         """The messages that the page shall get now; waits until there are some and the page is ready."""
         while True:
@@ -121,8 +154,9 @@ class Page:
             if self._sent - self._acknowledged < AHEAD:
                 self._version, newer = self._broadcast.since(self._version)
                 if not self._hidden:
-                    newer += self._broadcast.frames(self._drawn)
-                    self._drawn = self._version
+                    frames = self._broadcast.frames(self._drawn)
+                    newer += frames
+                    self._drawn = self._version if frames else self._drawn
                 if newer:
                     self._sent += len(newer)
                     return newer

@@ -83,6 +83,7 @@ const messages = {
     tellAll();
   },
   values: (values) => { store.values = values; tellAll(); },
+  class: (seat) => { store.seat = seat; tellAll(); },
   status: (status) => { store.status = status; redraw(); },
   frames: (frames) => { for (const frame of frames) store.take(frame); redraw(); },
 };

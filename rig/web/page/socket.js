@@ -3,7 +3,7 @@
 
 /** Calls handle(message) with every message, and online(whether connected, why not). */
 export function connect(handle, online) {
-  const address = `ws://${location.host}/live`;
+  const address = `${location.protocol.replace("http", "ws")}//${location.host}/live`;
   let socket = null;
   let received = 0;
 

@@ -65,6 +65,7 @@ export class Store {
     this.online = false;
     this.why = "no answer yet"; // why it is not connected
     this.values = [];
+    this.seat = null; // who operates the run that a class watches, and who asks
     this.clear(null);
   }
 

@@ -9,6 +9,7 @@ import { sentence } from "/page/experiment.js";
 import { Store } from "/page/store.js";
 import { said as told, t } from "/page/text.js";
 import * as branchesOf from "/page/panes/branches.js";
+import * as classOf from "/page/panes/class.js";
 import * as eventsOf from "/page/panes/events.js";
 import * as handsOf from "/page/panes/hands.js";
 import * as hearOf from "/page/panes/hear.js";
@@ -66,7 +67,7 @@ export function create(bench) {
 
   const [rig, hands, branches, time, trust, protocol, portrait, events, hear] = [rigOf, handsOf, branchesOf, timeOf, trustOf, protocolOf, portraitOf, eventsOf, hearOf]
     .map((one) => (one === timeOf ? one.create(() => bench.shown, bench.redraw) : one.create(bench)));
-  const parts = [rig, hands, branches, time, trust, protocol, portrait, events, hear];
+  const seat = classOf.create(bench), parts = [seat, rig, hands, branches, time, trust, protocol, portrait, events, hear];
 
   function clear() { for (const key of Object.keys(changes)) delete changes[key]; }
 
@@ -239,7 +240,7 @@ export function create(bench) {
     element: h("div", { class: "bench" },
       h("section", { class: "stagearea stack", "aria-label": t("rig") }, picture,
         h("div", { class: "row bar" }, start, pause, step, stop, knock, impulse, unit, h("div", { class: "row asides" }, hear.element, trust.element)), protocol.element, doing, experiment,
-        h("div", { class: "told stack" }, fault, outcome, leave)),
+        h("div", { class: "told stack" }, seat.element, fault, outcome, leave)),
       h("section", { class: "card stack hands", "aria-label": t("values") }, hands.element, branches.element),
       h("section", { class: "card stack time", "aria-label": t("time") }, time.element),
       h("div", { class: "more columns" },
