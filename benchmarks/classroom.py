@@ -13,7 +13,7 @@ import ssl
 import tempfile
 import threading
 import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -133,15 +133,14 @@ class _Room:
         )
 
     def _hammer(self) -> None:
-        line = self._line()
-        while not self._stopped.is_set():
-            self._ask(line, "/api/run", {"Cookie": f"class-{self.port}={self._token}.hammer"})
+        with closing(self._line()) as line:
+            while not self._stopped.is_set():
+                self._ask(line, "/api/run", {"Cookie": f"class-{self.port}={self._token}.hammer"})
 
     def _guess(self) -> None:
         while not self._stopped.is_set():
-            line = self._line()
-            self._ask(line, "/?token=guess", {})
-            line.close()
+            with closing(self._line()) as line:
+                self._ask(line, "/?token=guess", {})
 
     def _connect(self) -> None:
         opened = []

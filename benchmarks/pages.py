@@ -123,11 +123,12 @@ def server(folder: Path, share: str = "") -> Iterator[tuple[int, list[str]]]:
     command = [sys.executable, "-m", "rig", "web", "--no-open", *(["--share", share] if share else [])]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
+    rest = threading.Thread(target=process.stdout.read, daemon=True)
     try:
         addresses: list[str] = []
         while len(addresses) < (2 if share else 1) and (line := process.stdout.readline()):
             addresses += [word for word in line.split() if "token=" in word]
-        threading.Thread(target=process.stdout.read, daemon=True).start()
+        rest.start()
         yield process.pid, addresses
     finally:
         process.send_signal(signal.SIGINT)
@@ -136,6 +137,9 @@ def server(folder: Path, share: str = "") -> Iterator[tuple[int, list[str]]]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait(10.0)
+        if rest.ident is not None:
+            rest.join(10.0)
+        process.stdout.close()
 
 
 def parted(address: str) -> tuple[int, str]:
