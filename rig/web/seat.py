@@ -18,6 +18,8 @@ LONGEST_NAME = 40
 """Longest name under which a watcher asks [characters]. # chosen"""
 ALWAYS = ("stop", "emergency")
 """Commands that the page of the user carries out whoever operates."""
+KEPT = ("stop", "knock")
+"""Commands that are never handed over: the end of the run, and a blow that the page of a watcher has no button for."""
 
 
 def public(watcher: str) -> str:
@@ -81,11 +83,13 @@ class Seat:
                 self._holder = self._name = ""
         self._changed()
 
-    def check(self, watcher: str) -> None:
-        """Raise UsageError if this watcher does not operate the run."""
+    def check(self, watcher: str, command: Any = None) -> None:
+        """Raise UsageError if this watcher does not operate the run, or for a command that is never handed over."""
         with self._lock:
             if public(watcher) != self._holder:
                 raise UsageError("only who operates can do this; ask for the operation, and wait until it is yours")
+        if command in KEPT:
+            raise UsageError(f"{command}: only the private page can do this")
 
     def check_user(self, command: Any) -> None:
         """Raise UsageError if a watcher operates, and the page of the user may not do this meanwhile."""

@@ -233,8 +233,8 @@ def watching(bench: Bench, broadcast: Broadcast) -> Starlette:
 
     def operates(handler: Callable[[dict[str, Any]], Any]) -> Callable[[Request], Any]:
         async def answer(request: Request) -> Response:
-            seat.check(request.scope["watcher"])
             body = await body_of(request, LARGEST)
+            seat.check(request.scope["watcher"], body.get("do"))
             return await bench.urgently(lambda body: Answer(handler(body)), body)
 
         return guarded(answer)

@@ -132,6 +132,7 @@ def test_the_operation_is_asked_for_handed_over_and_given_back(client, watcher, 
     assert handed == {"holder": watcher.you, "name": "Ada", "asking": []}
     assert watcher.post("/api/run/command", do="pause").json()["error"] == "no run is active; start one first"
     assert "only who operates" in other.post("/api/run/command", do="pause").json()["error"]
+    assert "only the private page" in watcher.post("/api/run/command", do="stop").json()["error"]
     assert "only who operates" in other.post("/api/run/set", key="a", value=1).json()["error"]
     assert "Ada operates the run" in client.refused("/api/run/command", do="pause")
     assert "Ada operates the run" in client.refused("/api/run/set", key="a", value=1)
