@@ -53,7 +53,9 @@ def decade(series: str) -> list[float]:
 
 
 def near(value: float, series: str, each: int = _EACH) -> list[float]:
-    """Return the values of a series around a positive value: as many as `each` to either side of it."""
+    """Return the values of a series around a positive value: as many as `each` to either side of it; none of 0."""
+    if value <= 0.0:
+        return []
     exponent = math.floor(math.log10(value))
     powers = range(exponent - 2, exponent + 3)
     every = sorted(float(f"{size:g}e{power}") for power in powers for size in decade(series))
@@ -62,17 +64,28 @@ def near(value: float, series: str, each: int = _EACH) -> list[float]:
 
 
 def checked(series: str | None, box: Box) -> str:
-    """Return the name of a series. Raises UsageError for another name, and for a design without components."""
+    """Return the name of a series. Raises UsageError for another name, for a design without components, and for a
+    range without a value of the series.
+    """
     if series is None:
         return ""
     name = series.upper() if isinstance(series, str) else ""
     if name not in SERIES:
         raise UsageError(f"series {series}: expected {', '.join(SERIES)}")
-    if not any(axis.unit in COMPONENTS for axis in box.free):
+    components = [axis for axis in box.free if axis.unit in COMPONENTS]
+    if not components:
         raise UsageError(
             f"series {name}: no free value is a component (resistance, inductance, capacitance); leave --series out, "
             "or free one with --over"
         )
+    faults = []
+    for axis in components:
+        low, high = axis.values
+        if high <= 0.0 or not any(low <= value <= high for value in near(high, name)):
+            ends = f"{axis.text(low)} and {axis.text(high)}"
+            faults.append(f"series {name}: has no value of {axis.key} between {ends}; state a wider range")
+    if faults:
+        raise UsageError("\n".join(faults))
     return name
 
 
@@ -95,7 +108,8 @@ def rounded(
         sold = [value for value in near(values[axis.key], series) if low <= value <= high]
         if not sold:
             raise UsageError(
-                f"series {series}: has no value of {axis.key} between {axis.text(low)} and {axis.text(high)}"
+                f"series {series}: has no value near {axis.key} = {axis.text(values[axis.key])}, where the search "
+                "ended; state a range that begins above it, or leave --series out"
             )
         choices.append([(value - low) / (high - low) for value in sold])
     designs = np.array([d for d in map(np.array, itertools.product(*choices)) if _allowed(d, limits)])
