@@ -17,7 +17,7 @@ class Follower:
 
     last = None
 
-    def __init__(self, run, frame, news, arrived, trust):
+    def __init__(self, run, frame, news, arrived, trust, ticket):
         self.run, self.news, self.events, self.trust = run, news, [], trust
         Follower.last = self
 

@@ -8,14 +8,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rig.bench.live import status
 from rig.bench.live.timing import NOTHING_LOST
-from rig.bus.tickets import Listener
 from rig.controllers.device import Device, too_slow
 from rig.errors import DeviceError, ExitCode, UsageError
 from rig.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from rig.bus.tickets import Listener
 
 CALLING = "calling"
 """File beside that of the summary, with the name of the controller that the rehearsal is calling."""
@@ -81,6 +83,8 @@ class Job:
         fields = json.loads(text)
         fields["expect"] = tuple((role, name) for role, name in fields["expect"])
         if fields["listener"] is not None:
+            from rig.bus.tickets import Listener  # a run of this process alone needs no bus
+
             fields["listener"] = Listener(**{**fields["listener"], "seats": tuple(fields["listener"]["seats"])})
         return cls(**{**fields, "command": tuple(fields["command"])})
 
