@@ -57,7 +57,5 @@ def closed_plant(scene: Scene, rig: Plant, values: Mapping[str, Any]) -> Closed:
         raise SceneError(scene.name, faults)
     try:
         return closed(rig, loops)
-    except PartError as fault:
-        raise SceneError(scene.name, [f"controllers: {fault}"]) from None
-    except ValueError as fault:
+    except (PartError, ValueError) as fault:
         raise SceneError(scene.name, [f"controllers: {fault}"]) from None
