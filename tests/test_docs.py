@@ -173,3 +173,14 @@ def test_the_table_of_friction_laws_is_that_of_the_program():
         assert made.static == pytest.approx(eval(at_rest.strip("`"), names), rel=1e-12), law
         for v in (0.0, 0.01, 0.3, 20.0):
             assert made.mu(v) == pytest.approx(eval(formula.strip("`"), names | {"v": v}), rel=1e-12), (law, v)
+
+
+def test_each_page_is_in_the_contents_of_the_site():
+    folder = ROOT / "docs"
+    contents = [
+        tree
+        for page in folder.glob("*.md")
+        for tree in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL)
+    ]
+    listed = {line.strip() for tree in contents for line in tree.splitlines()}
+    assert {page.stem for page in folder.glob("*.md")} - listed == {"index"}
