@@ -247,7 +247,7 @@ def topic_echo(
         plant = session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
         shown = 0
-        while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):
+        while session.goes_on(plant) and (not count or shown < count):
             message = receiver.get(timeout=0.1)
             if message is not None:
                 fields = MessageToDict(message.said, preserving_proto_field_name=True)
