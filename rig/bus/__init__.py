@@ -65,6 +65,12 @@ def host(
     return open_hub(address.reserve(run, scene, endpoint), controllers, listener)
 
 
+def given_ticket(ticket: Path | None) -> Path | None:
+    """The ticket that was given, or without one the file that the environment variable RIG_TICKET names, if any."""
+    named = os.environ.get("RIG_TICKET")
+    return ticket or (Path(named) if named else None)
+
+
 def join(
     run: str | None = None,
     *,
@@ -84,11 +90,9 @@ def join(
     from rig.bus import address
     from rig.bus.link import open_leaf, open_ticket
 
-    if run is None and ticket is None and (named := os.environ.get("RIG_TICKET")):
-        ticket = Path(named)
-    if ticket is not None:
-        if run is not None:
-            raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
+    if ticket is not None and run is not None:
+        raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
+    if run is None and (ticket := given_ticket(ticket)) is not None:
         return open_ticket(ticket, role, name, wait)
     if run == TOLD:
         run = sys.stdin.readline().strip()
