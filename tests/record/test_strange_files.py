@@ -554,6 +554,17 @@ KINDS = {
         lines("t,v [m/s]", "32.01.2024 10:00:00,1", "01.02.2024 10:00:01,2", "01.02.2024 10:61:00,3"),
         refused=("row 2 (and 4), column t: '32.01.2024 10:00:00' is not a time of day",),
     ),
+    "minutes and seconds.csv": Kind(
+        lines("t,v [m/s]", "00:00,1", "00:01,2", "00:02,3"),
+        refused=("row 2 (and 3, 4), column t: '00:00' may be hours and minutes or minutes and seconds",),
+        in_one_line=True,
+    ),
+    "hours and minutes beside a date.csv": Kind(
+        lines("Date,Time,v [m/s]", "2024-03-01,10:00,1", "2024-03-01,10:01,2"),
+        time="Time",
+        becomes={"v": ("m/s", [1.0, 2.0])},
+        t=[0.0, 60.0],
+    ),
     "infinite.csv": Kind(
         lines("t [s],v [m/s]", "0,1", "", "1,1e400", "2,inf"),
         refused=("row 4 (and 5), column v: the value is infinite",),

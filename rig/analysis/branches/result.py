@@ -284,8 +284,8 @@ class Branches(Result):
     def listed(self) -> Table:
         """Return a row for each point of each branch."""
         output = (Column("low", self.unit), Column("high", self.unit))
-        multiplier = (Column("largest multiplier"), Column("multiplier accuracy"))
-        rest = (Column("stick share"), Column("stable"), *multiplier, Column("branch ends at"))
+        names = ("stick share", "stable", "largest multiplier", "multiplier accuracy", "branch ends at")
+        rest = (Column(name) for name in names)
         columns = (Column("branch"), Column("motion"), self.axis.column(), *output, Column("period", "s"), *rest)
         rows = []
         for number, branch, point in self.points():

@@ -221,6 +221,11 @@ class TextTable:
             return NO_CLOCK
         if self.day is not None and not clock_times.has_date(cell):
             return "has no date beside it"
+        if clock_times.is_short(cell):
+            return (
+                "may be hours and minutes or minutes and seconds; write three fields, as in 10:05:00, or give the rate "
+                "of the samples (--rate) in place of times"
+            )
         first = clock_times.has_open_date(self.first)
         if self.of_dates == clock_times.OPEN and clock_times.has_open_date(cell) != first:
             return (
