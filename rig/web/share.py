@@ -159,15 +159,16 @@ class BoundedSocket(socket.socket):
         return self
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """The next connection within the bounds. Raises BlockingIOError if there is none."""
-        while True:
-            made, where = super().accept()
+        """The next connection. Raises BlockingIOError if there is none, ConnectionAbortedError beyond the bounds."""
+        made, where = super().accept()
+        if not self._rate.late_s(where[0]):
             self._clear()
             of_one = sum(host == where[0] for host, _ in self._open)
-            if len(self._open) < CONNECTIONS and of_one < OF_ONE and not self._rate.late_s(where[0]):
+            if len(self._open) < CONNECTIONS and of_one < OF_ONE:
                 self._open[where[:2]] = (made, time.monotonic() + ASKING_S)
                 return made, where
-            made.close()
+        made.close()
+        raise ConnectionAbortedError
 
     def allow(self, client: Any, seconds: float) -> None:
         """Give a connection (host and port) this time from now on."""

@@ -142,7 +142,7 @@ def test_recorder_viewer_and_page_that_are_killed_come_back_with_their_tickets(r
     going.line("begins with ")
     words = {
         "recorder": ("live", "record", "--out", "far.mcap", "--force"),
-        "viewer": ("view", "--save", "far.rrd"),
+        "viewer": ("view", "--save", "far.rrd", "--force"),
     }
     for seat, command in words.items():
         who = f"{seat} remote-{seat}"
