@@ -187,7 +187,7 @@ def _robust(
     if result.timed:
         name = store.folder / "in_time.csv"
         write_file(name, envelopes(result.timed).csv().encode())
-        written.append(f"{name}: envelopes; recordings: {', '.join(run.recording for run in result.timed)}")
+        written.append(f"{name}: envelopes of the runs")
     return in_folder(result, store.folder, "robust", below=written, good=result.held)
 
 

@@ -88,6 +88,19 @@ def test_where_every_knock_comes_back_the_report_says_so_and_what_is_kept_is_not
     limited = proved("belt", None, **against, overrides=even)
     assert "beyond it a limit of the scene ends the run (displacement" in limited.timed[0].least.how
     given = {**against, "overrides": {**even, "limits.displacement": "10 m"}}
+    whole_run = least_knock.away
+    sizes = []
+
+    def interrupted(case, size):
+        sizes.append(size)
+        if len(sizes) == 3:
+            raise KeyboardInterrupt
+        return whole_run(case, size)
+
+    monkeypatch.setattr(least_knock, "away", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        proved("belt", None, **given)
+    monkeypatch.setattr(in_time, "in_time", None)
     found = proved("belt", None, **given)
     text = found.text()
     assert text.count("none: it comes back from every knock up to") == 2
@@ -95,8 +108,8 @@ def test_where_every_knock_comes_back_the_report_says_so_and_what_is_kept_is_not
     assert [row["in time"] for row in table] == ["scene, nominal rig", "scene, worst rig"]
     assert table[0]["least knock"] is None
     assert table[0]["growth in time"] == pytest.approx(-2.0, rel=1e-3)
+    assert len(sizes) == 9  # four searches of two sizes, one of them interrupted
     json.dumps(found.to_json(), allow_nan=False)
-    monkeypatch.setattr(in_time, "in_time", None)
     monkeypatch.setattr(least_knock, "away", None)
     assert proved("belt", None, **given).text() == text
 

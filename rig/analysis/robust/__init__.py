@@ -31,11 +31,12 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.analysis.pool import Progress
-from rig.analysis.robust.in_time import Proof
+from rig.analysis.robust.in_time import Proof, Timed
 from rig.analysis.robust.job import Job, prepared
 from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import find
+from rig.errors import RigError
 from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
@@ -67,8 +68,13 @@ def designed(
         certificate = proved(job, found) if prove else None
     if not prove:
         return RobustResult(job, found, provenance(job.seed), folder)
-    proof = Proof(job, found, folder)
-    runs = proof.runs(watch)
-    with bar("knocks") as progress:
-        timed = proof.knocks(runs, workers, progress, watch)
-    return RobustResult(job, found, provenance(job.seed), folder, certificate, tuple(timed))
+    timed: list[Timed] = []
+    untimed = ""
+    try:
+        proof = Proof(job, found, folder)
+        timed = proof.runs(watch)
+        with bar("knocks") as progress:
+            timed = proof.knocks(timed, workers, progress, watch)
+    except RigError as fault:  # the search may have taken hours: its report comes anyway
+        untimed = str(fault)
+    return RobustResult(job, found, provenance(job.seed), folder, certificate, tuple(timed), untimed)

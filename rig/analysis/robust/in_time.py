@@ -83,6 +83,11 @@ class Timed:
     least: Least | None = None
 
     @property
+    def name(self) -> str:
+        """Design and rig in words."""
+        return f"{self.design}, {self.rig} rig"
+
+    @property
     def agrees(self) -> bool:
         """Whether the growth in time is that of the eigenvalue."""
         resolved = _RESOLVED / max(self.end - self.begin, 1e-300)
@@ -136,17 +141,18 @@ class Proof:
         following = count(len(self._cases))  # numbers of the units
         done = 0
         with self._store.open(self._work), pool(self._work, self._store, workers, MOST) as processes:
+            rows = self._store.load()
 
             def ask(asked: Sequence[tuple[int, float]]) -> list[str]:
                 nonlocal done
                 units = dict(zip(following, asked))
-                rows = self._store.load()
                 todo = {unit: given for unit, given in units.items() if unit not in rows}
                 ready = done + len(units) - len(todo)
-                processes.compute(todo, lambda new: say(ready + new, max(expected, ready + new + 1)))
+                if todo:
+                    processes.compute(todo, lambda new: say(ready + new, max(expected, ready + new + 1)))
+                    rows.update(self._store.load(min(todo)))
                 if processes.failed:
                     raise WorkerError(f"{next(iter(processes.failed.values()))}{self._store.kept}")
-                rows = self._store.load()
                 done += len(units)
                 return [unpacked(rows[unit]) for unit in units]
 
@@ -286,15 +292,14 @@ def table(timed: Sequence[Timed]) -> Table:
         Column("eigenvalue", "1/s", ".5g"),
         Column("at", "Hz", ".5g"),
         Column("growth in time", "1/s", ".5g"),
-        Column("least knock", "N s", ".5g"),
+        Column("least knock", "N s", ".4g"),
         Column("run"),
-        Column("recording"),
     )
     rows = []
     for run in timed:
         least = run.least.size if run.least is not None else math.nan
         numbers = (run.expected, run.hertz, run.growth, least)
-        rows.append((f"{run.design}, {run.rig} rig", *map(_finite, numbers), run.how, run.recording))
+        rows.append((run.name, *map(_finite, numbers), run.how))
     return Table("in_time", columns, rows)
 
 
@@ -303,19 +308,16 @@ def envelopes(timed: Sequence[Timed]) -> Table:
     columns = (Column("run"), Column("time", "s", ".6g"), Column("amplitude", timed[0].unit_of_output, ".6g"))
     rows: list[tuple[str, float, float]] = []
     for run in timed:
-        name = f"{run.design}, {run.rig} rig"
-        rows += [(name, time, amplitude) for time, amplitude in zip(run.times, run.amplitudes)]
+        rows += [(run.name, time, amplitude) for time, amplitude in zip(run.times, run.amplitudes)]
     return Table("envelopes", columns, rows)
 
 
 def lines(timed: Sequence[Timed]) -> Iterator[str]:
     """Yield what there is to say of the runs and of the least knocks."""
     for run in timed:
-        name = f"{run.design}, {run.rig} rig"
-        if run.remark:
-            yield f"{name}: {run.remark}"
+        yield f"{run.name}: {run.recording}{'; ' if run.remark else ''}{run.remark}"
         if run.least is not None:
-            yield f"{name}, least knock: {run.least.how}"
+            yield f"{run.name}, least knock: {run.least.how}"
 
 
 def facts(timed: Sequence[Timed]) -> list[dict[str, Any]]:
@@ -332,6 +334,7 @@ def facts(timed: Sequence[Timed]) -> list[dict[str, Any]]:
                 "evaluated": [run.begin, run.end],
                 "contact_changes": _finite(run.changed),
                 "remark": run.remark,
+                "recording": run.recording,
                 "output": run.output,
                 "knock": knock,
             }

@@ -240,10 +240,9 @@ def by_branches(growth: Growth, case: Case, root: Path, watch: Callable[[str], o
         return math.nan, "no uncertain value leads to a loss of stability, from which a branch begins"
     _, key, own, end = min(ways)
     low, high = sorted((own - (_BEYOND - 1.0) * (end - own), own + _BEYOND * (end - own)))
+    watch(f"{case.name}: follows the unstable cycle along {key}")
     try:
-        followed = branches(
-            follow(replace(case.scene, protocol=()), f"{key}={low!r}:{high!r}", starts=(HOPF,)), root, watch
-        )
+        followed = branches(follow(case.scene, f"{key}={low!r}:{high!r}", starts=(HOPF,)), root)
         knocks = [knock for knock in Threshold(followed, own).knocks() if not knock.back and knock.confirmed]
     except RigError as fault:
         return math.nan, f"no unstable cycle is known along {key}: {fault}"

@@ -49,7 +49,8 @@ class RobustResult(Result):
     certificate: Certificate | None = None
     """Of the whole box, if it was asked for."""
     timed: tuple[Timed, ...] = ()
-    """Runs of nominal and worst rigs, if a proof was asked for."""
+    """Runs of nominal and worst rigs, if a proof was asked for, and why there is none or not all of it."""
+    untimed: str = ""
 
     @property
     def entries(self) -> dict[str, Entry]:
@@ -124,6 +125,8 @@ class RobustResult(Result):
         yield from (f"  {line}" for line in self._sure())
         yield from (f"  {line}" for line in self._proof())
         yield from (f"  {line}" for line in in_time.lines(self.timed))
+        if self.untimed:
+            yield f"  the proof in time is not complete: {self.untimed}"
         yield from (f"  {line}" for line in self._notes())
 
     def _headline(self) -> str:
@@ -346,6 +349,7 @@ class RobustResult(Result):
             "series": self._rounded_facts(),
             "certificate": self._certificate_facts(),
             "in_time": in_time.facts(self.timed),
+            "not_in_time": self.untimed,
             "without_influence": list(found.idle),
             "at_the_edge": list(found.edges),
             "belief": list(self._remarks()),
