@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from rig import controllers
 from rig.analysis.linear.control_loop import VANISHED, plant
 from rig.design import numbers
-from rig.design.closed_loops import Closed, Loop, closed
 from rig.design.linearised import Plant
+from rig.design.sampled_loops import Closed, ControlLoop, closed
 from rig.errors import PartError, SceneError
 from rig.scenes.scene import Scene
 
@@ -52,7 +52,7 @@ def closed_plant(scene: Scene, rig: Plant, values: Mapping[str, Any]) -> Closed:
             )
             continue
         sensor = scene.sensors[feedback.reads[0]]
-        loops.append(Loop(feedback, sensor.reads, sensor.front_end(), int(section.delay)))
+        loops.append(ControlLoop(feedback, sensor.reads, sensor.front_end(), int(section.delay)))
     if faults:
         raise SceneError(scene.name, faults)
     try:

@@ -1,7 +1,7 @@
 """A control loop of a scene, linearised: closed-loop eigenvalues, gain range, phase margin and delay margin.
 
 The loop contains the controller with its own parameters, its sensor, its delay, and sample and hold, all discretised
-exactly (rig.design.linearised). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig
+exactly (rig.design.sampled_loops). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig
 with friction may be unstable without control. Therefore the gain has a range instead of one margin: below it friction
 destabilises the rig, above it the loop does.
 
@@ -30,7 +30,8 @@ from rig.analysis.linear.eigenvalue_curves import Spectrum, absent, of_matrix
 from rig.analysis.linear.modes import at_rest, missing
 from rig.analysis.linear.sweep import Sweep, along
 from rig.design import numbers
-from rig.design.linearised import Plant, Sampled, linear, linear_form, sampled
+from rig.design.linearised import Plant, linear, linear_form
+from rig.design.sampled_loops import ControlLoop, Sampled, sampled
 from rig.errors import PartError, SceneError, Singular
 from rig.quantities import unit_of
 from rig.results import Column, Result, Table
@@ -293,8 +294,8 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
     """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
     stay open.
 
-    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.linearised.sampled`. Impaired links
-    are left out.
+    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.sampled_loops.sampled`. Impaired
+    links are left out.
 
     Raises SceneError for an unknown controller, for one that is not a linear feedback, and for a rig without steady
     sliding.
@@ -324,7 +325,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         sensor = scene.sensors[reads]
         end = sensor.front_end()
         rig = plant(scene)
-        model = sampled(rig, feedback, sensor.reads, end, section.delay + more_ns, newer)
+        model = sampled(rig, ControlLoop(feedback, sensor.reads, end, section.delay + more_ns), newer)
     except PartError as fault:
         raise SceneError(scene.name, [f"controllers.{name}: {fault}"]) from None
     except ValueError as fault:
