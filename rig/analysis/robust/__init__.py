@@ -14,6 +14,11 @@ certificate
 job        what is asked for, checked; its units in a pool and a store
 search     design, nominal optimum and scene beside each other; the audit; what each value costs
 proof      the certificate of a design
+in_time    the proof in time: nominal and worst rig as runs, recorded
+knocked    their scenes: they begin at steady sliding and are knocked
+envelope   the growth of a run
+least_knock
+           the least knock from which a rig does not come back
 series     components of a series in place of any value
 tolerance  the largest ranges that a design can hold
 result     text, JSON and CSV; its figures; the designed scene as a file
@@ -21,31 +26,55 @@ result     text, JSON and CSV; its figures; the designed scene as a file
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.analysis.pool import Progress
+from rig.analysis.robust.in_time import Proof, Timed
 from rig.analysis.robust.job import Job, prepared
 from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import find
+from rig.errors import RigError
 from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
 ROOT = Path("searches")
+Bar = Callable[[str], AbstractContextManager[Progress]]
+"""Shows the progress of what it is named after."""
+
+
+def _unseen(what: str) -> AbstractContextManager[Progress]:
+    return nullcontext(lambda done, total: None)
 
 
 def designed(
     job: Job,
     root: Path = ROOT,
     workers: int | None = None,
-    progress: Progress | None = None,
+    bar: Bar = _unseen,
     cluster: str = "",
     prove: bool = False,
+    watch: Callable[[str], object] = lambda text: None,
 ) -> RobustResult:
     """Carry out a robust design; results that its folder under `root` contains already are not computed again.
 
-    `prove`: examine the whole box. Raises UsageError, SceneError, WorkerError; what is finished stays.
+    `prove`: examine the whole box, and run nominal and worst rigs in time. `watch` gets what is done, in words. Raises
+    UsageError, SceneError, WorkerError; what is finished stays.
     """
-    found, folder = find(job, root, workers, progress, cluster)
-    certificate = proved(job, found) if prove else None
-    return RobustResult(job, found, provenance(job.seed), folder, certificate)
+    with bar("rigs") as progress:
+        found, folder = find(job, root, workers, progress, cluster)
+        certificate = proved(job, found) if prove else None
+    if not prove:
+        return RobustResult(job, found, provenance(job.seed), folder)
+    timed: list[Timed] = []
+    untimed = ""
+    try:
+        proof = Proof(job, found, folder)
+        timed = proof.runs(watch)
+        with bar("knocks") as progress:
+            timed = proof.knocks(timed, workers, progress, watch)
+    except RigError as fault:  # the search may have taken hours: its report comes anyway
+        untimed = str(fault)
+    return RobustResult(job, found, provenance(job.seed), folder, certificate, tuple(timed), untimed)
