@@ -21,6 +21,8 @@ result     text, JSON and CSV; its figures; the designed scene as a file
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.analysis.pool import Progress
@@ -32,13 +34,19 @@ from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
 ROOT = Path("searches")
+Bar = Callable[[str], AbstractContextManager[Progress]]
+"""Shows the progress of what it is named after."""
+
+
+def _unseen(what: str) -> AbstractContextManager[Progress]:
+    return nullcontext(lambda done, total: None)
 
 
 def designed(
     job: Job,
     root: Path = ROOT,
     workers: int | None = None,
-    progress: Progress | None = None,
+    bar: Bar = _unseen,
     cluster: str = "",
     prove: bool = False,
 ) -> RobustResult:
@@ -46,6 +54,10 @@ def designed(
 
     `prove`: examine the whole box. Raises UsageError, SceneError, WorkerError; what is finished stays.
     """
-    found, folder = find(job, root, workers, progress, cluster)
-    certificate = proved(job, found) if prove else None
+    with bar("rigs") as progress:
+        found, folder = find(job, root, workers, progress, cluster)
+    if not prove:
+        return RobustResult(job, found, provenance(job.seed), folder)
+    with bar("proved thousandths of the box") as progress:
+        certificate = proved(job, found, root, workers, progress, cluster)
     return RobustResult(job, found, provenance(job.seed), folder, certificate)

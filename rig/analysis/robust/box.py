@@ -76,10 +76,11 @@ class Uncertain:
             return f"{self.axis.text(ends[0])} to {self.axis.text(ends[1])}"
         first, last = (self.ends[0] + (self.ends[1] - self.ends[0]) * share for share in (low, high))
         scale = 0.01 if self.relative else self.axis.scale
-        unit = "%" if self.relative else self.axis.shown
+        shown = "" if self.axis.shown == "1" else self.axis.shown
+        unit = "%" if self.relative else shown
         if math.isclose(first, -last, rel_tol=1e-9):
-            return f"+-{last / scale:.4g} {unit}"
-        return f"{first / scale:.4g} to {last / scale:.4g} {unit}"
+            return f"+-{last / scale:.4g} {unit}".rstrip()
+        return f"{first / scale:.4g} to {last / scale:.4g} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
