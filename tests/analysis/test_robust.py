@@ -326,6 +326,28 @@ def test_distributions_state_the_box_by_quantiles_and_the_audit_by_draws():
     assert draws.max() <= 1.0
 
 
+@pytest.mark.parametrize(
+    ("scene", "key", "stated", "ends", "text"),
+    [
+        ("two_dof", "friction.mu", ("-1 %", "3 %"), (0.396, 0.412), "-1 to 3 %"),
+        ("two_dof", "friction.mu", "+-0.01", (0.39, 0.41), "0.39 to 0.41"),
+        ("belt", "drive.speed", "54 mm/s:0.066 m/s", (0.054, 0.066), "0.054 m/s to 0.066 m/s"),
+        ("brake_shunt", "shunt.delta", "-5 %:10 %", (-0.55, -0.475), "-5 to 10 %"),
+        ("belt_normal_force", "controllers.nf.delay", "normal(10 ms, 2 ms)", (0.004, 0.016), "normal(10 ms, 2 ms)"),
+    ],
+)
+def test_ranges_as_they_are_stated(scene, key, stated, ends, text):
+    (value,) = box(lab.load(scene), {}, {key: stated}).uncertain
+    assert value.axis.values == pytest.approx(ends)
+    assert value.text() == text
+    assert value.step == (0.001 if key.endswith("delay") else 0.0)
+
+
+def test_the_tolerance_of_a_free_number_has_no_unit():
+    (value,) = box(lab.load("brake_shunt"), {"shunt.delta": "-0.85:-0.2"}, {"shunt.delta": "+-0.01"}).uncertain
+    assert value.text() == "+-0.01"
+
+
 def test_a_tolerance_is_the_largest_range_that_is_held(tmp_path, small):
     found = designed(tmp_path, "two_dof", DAMPERS, None, maximise="tolerance.friction.mu", against=CONTACT, limit=LIMIT)
     assert found.worst <= 0.0

@@ -1,21 +1,18 @@
 """Robust design: controllers, shunts and rigs designed against what is not known of the rig.
 
-stated     ranges, tolerances and distributions as a user states them, read and checked
+stated     ranges, tolerances, distributions and limits as a user states them, read and checked
 box        free values of a design and uncertain ones of a rig, both as unit cubes
 growth     matrix, eigenvalues, gradients and growth of a rig of the box
-limits     linear limits of a design
-polish     a design improved against a set of rigs: linear programs over eigenvalues
-ascent     from a rig to a worse one
+descent    a design improved against a set of rigs: linear programs over eigenvalues; from a rig to a worse one
 worst      the worst rig of a design
 tasks      the units of work that a pool computes
-design     the robust design, the nominal optimum, the audit
+design     the robust design, the nominal optimum, the audit; the largest ranges that a design can hold
 certificate
            whether no rig of a box grows: proved, refuted or undecided
 job        what is asked for, checked; its units in a pool and a store
 search     design, nominal optimum and scene beside each other; the audit; what each value costs
 proof      the certificate of a design
 series     components of a series in place of any value
-tolerance  the largest ranges that a design can hold
 result     text, JSON and CSV; its figures; the designed scene as a file
 """
 

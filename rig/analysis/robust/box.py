@@ -131,6 +131,24 @@ class Box:
         return u
 
 
+@dataclass(frozen=True)
+class Limit:
+    """A limit `slope` x + `over` <= 0 of design x [free], in units of the largest sum of its terms over the ranges.
+
+    `text`: as its user states it; `weights` [free] and `bound`: the same in SI, weights * values <= bound.
+    """
+
+    text: str
+    slope: Array
+    over: float
+    weights: Array
+    bound: float
+
+    def excess(self, x: Array) -> float:
+        """How far a design is beyond the limit; at most 0 if it keeps it."""
+        return float(self.slope @ x) + self.over
+
+
 def ends_of(given: Distribution) -> tuple[float, float]:
     """Return the shares of a distribution that lie below the two ends of the box."""
     bounded = given.kind in ("uniform", "triangular")

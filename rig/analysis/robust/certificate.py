@@ -78,18 +78,17 @@ class Region(NamedTuple):
 
     def holds(self, values: Complex) -> bool:
         """Whether one of the eigenvalues is in it."""
-        if self.period:
-            values = self._rates(values[np.abs(values) > VANISHED])
-        tone = np.abs(values.imag)
+        rates = self.rates(values)
+        tone = np.abs(rates.imag)
         inside = (tone >= self.band[0]) & (tone <= self.band[1])
-        return bool(np.any((values.real > np.where(inside, self.limit, self.outer)) & (tone <= self.top)))
-
-    def _rates(self, values: Complex) -> Complex:
-        return np.asarray(np.log(values.astype(np.complex128)) / self.period, dtype=np.complex128)
+        return bool(np.any((rates.real > np.where(inside, self.limit, self.outer)) & (tone <= self.top)))
 
     def rates(self, values: Complex) -> Complex:
-        """The rates [1/s] of eigenvalues, also of those that vanish."""
-        return self._rates(np.where(np.abs(values) > VANISHED, values, VANISHED)) if self.period else values
+        """The rates [1/s] of eigenvalues; those that vanish within a period have a large decay."""
+        if not self.period:
+            return values
+        lasting = np.where(np.abs(values) > VANISHED, values, VANISHED)
+        return np.asarray(np.log(lasting.astype(np.complex128)) / self.period)
 
     def points(self, rates: Complex) -> Complex:
         """The places of rates [1/s] among the eigenvalues."""

@@ -16,12 +16,11 @@ from typing import Any
 import scipy
 
 from rig.analysis.pool import Arrays, Progress, Store, Work, digest, pool
-from rig.analysis.robust.box import Box
+from rig.analysis.robust.box import Box, Limit
 from rig.analysis.robust.design import AUDIT, FIRST
 from rig.analysis.robust.growth import LOOP, MODES, Growth
-from rig.analysis.robust.limits import Limit, limits
 from rig.analysis.robust.series import checked
-from rig.analysis.robust.stated import box, number, two_ends
+from rig.analysis.robust.stated import box, limits, number, two_ends
 from rig.analysis.robust.tasks import Computer, Tasks, Units
 from rig.analysis.studies.factors import Identified
 from rig.analysis.studies.runs import MOST, first_seed
@@ -135,6 +134,11 @@ def prepared(
     least = faults(lambda: _decay(decay, key), 0.0)
     first = faults(lambda: first_seed(scene, seed), 0)
     components = "" if stated is None else faults(lambda: checked(series, values), "")
+    if components and key is not None:
+        faults.found.append(
+            "series: a design at the edge of a tolerance holds with no other values; state the tolerance with "
+            "--against and minimise the growth"
+        )
     if not faults.found:
         faults.found += _useless(scene, values, measure)
         faults.found += _no_tolerance(values, key)

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.analysis.robust.growth import LOOP, Growth, Matrix, NoSliding
+from rig.analysis.robust.growth import LOOP, NoSliding
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.proof import PROVED, REFUTED, Certificate
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
@@ -21,8 +20,8 @@ from rig.results import Column, Result, Table
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.left_out import left_out
 
-Array = NDArray[np.float64]
-_END = 0.01  # of a range: nearer to an end, the range limits the design
+_END = 1e-3  # of a range: nearer to an end, the range limits the design
+_NEWS = 0.01  # of the box or of a growth: what differs by less is the same rig, or no worse
 _LISTED = 5  # worst rigs
 _DIGITS = ".10g"  # of designed values: the worst rig is steep in them
 DESIGNED = "designed"
@@ -70,18 +69,6 @@ class RobustResult(Result):
     def held(self) -> bool:
         """Whether the worst rig has a growth, and a tolerance was found if one was asked for."""
         return math.isfinite(self.worst) and not self.found.factor == 0.0
-
-    @cached_property
-    def _growth(self) -> Growth:
-        return self.job.grown()
-
-    def matrix(self, u: Array) -> Matrix:
-        """The matrix of a rig with the designed values: u [uncertain], from 0 to 1 over the box that it is for.
-
-        Raises NoSliding.
-        """
-        region = self.found.region
-        return self._growth.matrix(self.found.design.x, region.low + (region.high - region.low) * u)
 
     @cached_property
     def tolerances(self) -> dict[str, str]:
@@ -146,7 +133,7 @@ class RobustResult(Result):
         """Why the worst rig has no growth, and which it is."""
         at = ", ".join(f"{key} = {value:.6g}" for key, value in self.worst_values(self.found.entries[0]).items())
         try:
-            self._growth.matrix(self.found.design.x, self.found.design.worst.u)
+            self.job.grown().matrix(self.found.design.x, self.found.design.worst.u)
         except NoSliding as fault:
             return f"{fault} ({at}); make the range smaller"
         return at
@@ -215,7 +202,7 @@ class RobustResult(Result):
         rows: list[tuple[Any, ...]] = []
         seen: list[Any] = []
         for number, u in enumerate(bad.rigs[:_LISTED]):
-            if any(np.abs(u - other).max() < _END for other in seen):
+            if any(np.abs(u - other).max() < _NEWS for other in seen):
                 continue
             seen.append(u)
             at = self.worst_values(self.found.entries[0], number)
@@ -273,7 +260,7 @@ class RobustResult(Result):
         """What the audit says."""
         growth = self.found.audit.growth
         count = len(growth)
-        worse = int(np.sum(growth > self.found.design.worst.growth * (1.0 + math.copysign(_END, self.worst))))
+        worse = int(np.sum(growth > self.found.design.worst.growth * (1.0 + math.copysign(_NEWS, self.worst))))
         largest = _text(float(growth.max()))
         yield f"audit: {self.growing} of {count} random rigs grow; the worst of them with {largest} 1/s"
         if not worse:

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.pool import Progress
-from rig.analysis.robust.design import Designed, audited, nominal_optimum, robust
+from rig.analysis.robust.design import Designed, audited, nominal_optimum, region_of, robust, tolerance
 from rig.analysis.robust.growth import Growth, NoSliding, Piece
 from rig.analysis.robust.job import Job, opened
 from rig.analysis.robust.series import Rounded, rounded
 from rig.analysis.robust.tasks import Found, Region, Tasks
-from rig.analysis.robust.tolerance import region_of, tolerance
 from rig.analysis.robust.worst import Worst, ascended, whole, worst
 from rig.errors import SceneError, UsageError
 
@@ -99,13 +98,14 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         _check_rig(job, tasks.growth, optimum)
     also = [x for x in (optimum, own) if x is not None and ((x >= 0.0) & (x <= 1.0)).all()]
     factor = math.nan
-    if job.tolerance is None:
-        design = robust(tasks, job.seed, also, region)
-    else:
-        found = tolerance(tasks, job.seed, job.number, job.target, list(also))
-        factor = 0.0 if found is None else found.factor
+    held = None
+    if job.tolerance is not None:
+        factor, held = tolerance(tasks, job.seed, job.number, job.target, list(also))
         region = region_of(tasks, job.number, factor)
-        design = robust(tasks, job.seed, also, region) if found is None else found.design
+    design = held or robust(tasks, job.seed, also, region)
+    nominal = box.centre
+    if optimum is not None and tasks.growth.value(design.x, nominal) < tasks.growth.value(optimum, nominal):
+        optimum = tasks.polished(design.x[None], nominal[None])[0][0]  # a better one than its own search has found
     components = None
     if job.series:
         components = rounded(tasks, design.x, design.worst, design.rigs, region, job.limits, job.series)

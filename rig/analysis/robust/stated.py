@@ -12,20 +12,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.analysis.robust.box import TAIL, Box, Uncertain, ends_of
+from rig.analysis.robust.box import TAIL, Box, Limit, Uncertain, ends_of
 from rig.analysis.studies.factors import IDENTIFIED, Distribution, Identified
 from rig.errors import Faults, SceneError, UsageError
 from rig.scenes.axis import Axis, in_words, numbers, unknown
+from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.scenes.sections import is_set_point
 from rig.scenes.sections import parted as table_of
-from rig.units import brief, number_or_text, parted, si, with_units
+from rig.units import brief, number_or_text, parted, same_unit, si, with_units
 
 MOST = 8
 """Most uncertain values: two levels of all of them are 256 rigs."""
@@ -47,6 +48,10 @@ _WITHOUT = {
 }
 _SURROUNDINGS = ("drive", "friction", "load")  # uncertain only, but for set-points: nobody designs them
 _FRAMES = ("delay", "period")  # keys of a controller that take whole frames
+
+
+_TERM = re.compile(r"\s*(?P<sign>[+-]?)\s*(?:(?P<factor>\d[\d.]*(?:e[+-]?\d+)?)\s*\*?\s*)?(?P<key>[A-Za-z_][\w.]*)\s*")
+_LIMITS = 'expected a sum of free keys, "spring_1.damping + 2 * spring_2.damping < 0.6 N*s/m"'
 
 
 class _Range(NamedTuple):
@@ -281,3 +286,50 @@ def number(given: Any, unit: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{brief(given)} is not finite")
     return value
+
+
+def limits(box: Box, given: Iterable[str]) -> tuple[Limit, ...]:
+    """Return the limits of a design. Raises UsageError with every fault."""
+    faults = Faults()
+    texts = [given] if isinstance(given, str) else [*given]
+    read = [faults(partial(_limit, box, text), None) for text in texts]
+    faults.raise_found()
+    return tuple(limit for limit in read if limit is not None)
+
+
+def _limit(box: Box, text: str) -> Limit:
+    parts = re.split(r"\s*([<>])=?\s*", text) if isinstance(text, str) else []
+    if len(parts) != 3:
+        raise UsageError(f"limit {brief(text)}: {_LIMITS}")
+    terms, sense, level = parts
+    keys = {axis.key: i for i, axis in enumerate(box.free)}
+    weights = np.zeros(len(keys))
+    units: list[str] = []
+    at = 0
+    while at < len(terms):
+        term = _TERM.match(terms, at)
+        if term is None or (at and not term["sign"]):
+            raise UsageError(f"limit {text}: {_LIMITS}; limits are linear")
+        key = term["key"]
+        if key not in keys:
+            raise UsageError(
+                f"limit {text}: {key} is not free; {near(key, keys) if keys else 'nothing is: add --over'}"
+            )
+        weights[keys[key]] += (-1.0 if term["sign"] == "-" else 1.0) * float(term["factor"] or 1.0)
+        units.append(box.free[keys[key]].unit)
+        at = term.end()
+    if not units or not all(same_unit(units[0], unit) for unit in units):
+        raise UsageError(f"limit {text}: a sum of {' and '.join(dict.fromkeys(units)) or 'nothing'}; expected one unit")
+    try:
+        bound = si(level, units[0])
+    except ValueError as fault:
+        raise UsageError(f"limit {text}: {fault}") from None
+    if sense == ">":
+        weights, bound = -weights, -bound
+    low, high = np.array([axis.values for axis in box.free]).T
+    scale = float(np.abs(weights) @ np.maximum(np.abs(low), np.abs(high))) or 1.0
+    slope = weights * (high - low) / scale
+    limit = Limit(text, slope, (float(weights @ low) - bound) / scale, weights, bound)
+    if limit.excess(np.where(slope < 0.0, 1.0, 0.0)) > 0.0:
+        raise UsageError(f"limit {text}: no design within the ranges keeps it; widen a range or the limit")
+    return limit

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.pool import Arrays
-from rig.analysis.robust.ascent import ascend
+from rig.analysis.robust.box import Limit
 from rig.analysis.robust.certificate import Examination, NoProof
+from rig.analysis.robust.descent import ascend, polish
 from rig.analysis.robust.growth import Growth, NoSliding
-from rig.analysis.robust.limits import Limit
-from rig.analysis.robust.polish import polish
 
 Array = NDArray[np.float64]
 Units = Mapping[int, tuple[float, ...]]
