@@ -499,7 +499,9 @@ def study(
 
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
+    from rig.analysis.studies.factors import check_once
 
+    check_once(over, overrides, untold)
     loaded = _scene(scene, overrides, untold, redesign)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(out), workers, keep=keep, cluster=cluster)
@@ -570,6 +572,9 @@ def optimise(
     """
     from pathlib import Path
 
+    from rig.analysis.studies.factors import check_once
+
+    check_once(over, overrides, untold)
     loaded = _scene(scene, overrides, untold, redesign)
     if against is None and band is None and limit is None and decay is None and series is None and not prove:
         from rig.analysis.studies.search import prepared, search

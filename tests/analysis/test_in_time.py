@@ -34,7 +34,7 @@ def _here(tmp_path, monkeypatch):
     """Recordings go to a folder of the test; audits have 100 rigs, and the box is not examined."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(design, "AUDIT", 100)
-    monkeypatch.setattr(robust, "proved", lambda job, found: None)
+    monkeypatch.setattr(robust, "proved", lambda job, found, *_: None)
 
 
 def proved(scene, over, measure=MODES, **more):

@@ -1,14 +1,12 @@
 """Robust design: controllers, shunts and rigs designed against what is not known of the rig.
 
-stated     ranges, tolerances and distributions as a user states them, read and checked
+stated     ranges, tolerances, distributions and limits as a user states them, read and checked
 box        free values of a design and uncertain ones of a rig, both as unit cubes
 growth     matrix, eigenvalues, gradients and growth of a rig of the box
-limits     linear limits of a design
-polish     a design improved against a set of rigs: linear programs over eigenvalues
-ascent     from a rig to a worse one
+descent    a design improved against a set of rigs: linear programs over eigenvalues; from a rig to a worse one
 worst      the worst rig of a design
 tasks      the units of work that a pool computes
-design     the robust design, the nominal optimum, the audit
+design     the robust design, the nominal optimum, the audit; the largest ranges that a design can hold
 certificate
            whether no rig of a box grows: proved, refuted or undecided
 job        what is asked for, checked; its units in a pool and a store
@@ -20,7 +18,6 @@ envelope   the growth of a run
 least_knock
            the least knock from which a rig does not come back
 series     components of a series in place of any value
-tolerance  the largest ranges that a design can hold
 result     text, JSON and CSV; its figures; the designed scene as a file
 """
 
@@ -65,9 +62,10 @@ def designed(
     """
     with bar("rigs") as progress:
         found, folder = find(job, root, workers, progress, cluster)
-        certificate = proved(job, found) if prove else None
     if not prove:
         return RobustResult(job, found, provenance(job.seed), folder)
+    with bar("proved thousandths of the box") as progress:
+        certificate = proved(job, found, root, workers, progress, cluster)
     timed: list[Timed] = []
     untimed = ""
     try:
