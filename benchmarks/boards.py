@@ -43,10 +43,12 @@ def measured(seconds: float, rounds: int) -> dict[str, Any]:
         _say(f"{number} of {len(order)}, {name}: p99 {p99:.3f} ms, {missed} missed, {summary['verdict']}: {reasons}")
     times = {name: [each["round_trip"]["p99"] / 1e3 for each in summaries] for name, summaries in runs.items()}
     worst = max(runs[ON_BOARD], key=lambda each: ("VALID", "DEGRADED", "INVALID").index(each["verdict"]))
+    missed = [each["controllers"][NAME]["missed"] for each in runs[ON_BOARD]]
     return {
         "p99_ms": times,
         "p99_ratio": statistics.median([board / own for own, board in zip(times[SHIPPED], times[ON_BOARD])]),
-        "missed": sum(each["controllers"][NAME]["missed"] for each in runs[ON_BOARD]),
+        "missed_by_run": missed,
+        "missed": sum(missed),
         "verdict": worst["verdict"],
     }
 

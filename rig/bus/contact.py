@@ -48,7 +48,7 @@ def reach(ticket: Ticket, path: Path) -> None:
                 f"its time is over, or not begun, by the clock of this host ({clock}): set it, or ask for a new ticket"
             )
         else:
-            why = f"another run than {ticket.run} listens at {at}: ask for a ticket of that run"
+            why = f"the run that listens at {at} has not issued it: ask for a ticket of that run"
     except ssl.SSLError:
         why = f"what listens at {at} is no run: another program has the port"
     except OSError as fault:

@@ -95,7 +95,10 @@ class Listener:
         if unknown := [seat for seat in self.seats if seat not in known]:
             raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")
         kind, _, place = self.endpoint.partition("/")
-        check_place(f"--listen {self.endpoint}", place if kind == "tls" else "", "tls/")
+        given = f"--listen {self.endpoint}"
+        host, _ = check_place(given, place if kind == "tls" else "", "tls/")
+        if ":" in host:  # Zenoh takes it for a name
+            raise UsageError(f"{given}: processes cannot join at an IPv6 address; give a name or an IPv4 address")
 
 
 @dataclass(frozen=True)

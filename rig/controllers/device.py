@@ -118,7 +118,7 @@ def too_slow(section: Device, pace: float) -> str:
     least = size * BITS / section.baud
     return (
         f"{section.port}: a step and its answer are {size} bytes, and {section.baud} baud carry {carries:.4g} bytes in "
-        f"a period of {1e3 * period_s:g} ms; needed: {size * BITS / period_s:.4g} baud, or a period of at least "
+        f"a period of {1e3 * period_s:g} ms; needed: {size * BITS / period_s:.0f} baud, or a period of at least "
         f"{1e3 * least:.3g} ms" + ('; values = "float32" has shorter frames' if width == WIDTHS["float64"] else "")
     )
 

@@ -465,7 +465,11 @@ class Line(Link):
     def ask(
         self, kind: int, t_ns: int, values: Sequence[float], patience_s: float, again_s: float = inf
     ) -> Frame | None:
-        """The answer to a frame; None if none fits within `patience_s`. It is sent again first after `again_s`."""
+        """The answer to a frame; None if none fits within `patience_s`. It is sent again first after `again_s`.
+
+        The wait begins anew if this process was stopped for longer than `patience_s`: in a virtual machine the board's
+        program then was, too.
+        """
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         asked = Frame(kind, self._sequence, t_ns, tuple(values), self._width)
         data = asked.to_bytes()
@@ -482,6 +486,8 @@ class Line(Link):
                 again_s = min(2.0 * again_s, AGAIN_MOST_S)
             answers = [frame for frame in self.frames(min(end, again) - now) if self._fits(frame, asked)]
             now = time.perf_counter()
+            if now > end + patience_s:
+                end = now + patience_s
         counts = self.counts
         counts["asked"] += 1
         counts["again"] += max(sent - 1, 0)

@@ -23,6 +23,7 @@ import socket
 import ssl
 import tempfile
 import time
+from asyncio.sslproto import SSLProtocol
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
@@ -70,6 +71,8 @@ WRONG_S = 1.0
 """Time until a wrong token is answered [s]. # chosen"""
 ABSENT_S = 10.0
 """Time without a page after which who operates loses the operation [s]: a page that is loaded again keeps it."""
+RECORD = 1 << 14
+"""Buffer of each connection [bytes]: a record of TLS. Those of asyncio have 256 kB."""
 FORBIDDEN = "This page needs the address that rig web --share printed, with the token of the class; ask who runs it."
 TOO_MANY = "Too many requests from this address; wait ten seconds."
 _REMEMBERED = 1024
@@ -156,15 +159,16 @@ class BoundedSocket(socket.socket):
         return self
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """The next connection within the bounds. Raises BlockingIOError if there is none."""
-        while True:
-            made, where = super().accept()
+        """The next connection. Raises BlockingIOError if there is none, ConnectionAbortedError beyond the bounds."""
+        made, where = super().accept()
+        if not self._rate.late_s(where[0]):
             self._clear()
             of_one = sum(host == where[0] for host, _ in self._open)
-            if len(self._open) < CONNECTIONS and of_one < OF_ONE and not self._rate.late_s(where[0]):
+            if len(self._open) < CONNECTIONS and of_one < OF_ONE:
                 self._open[where[:2]] = (made, time.monotonic() + ASKING_S)
                 return made, where
-            made.close()
+        made.close()
+        raise ConnectionAbortedError
 
     def allow(self, client: Any, seconds: float) -> None:
         """Give a connection (host and port) this time from now on."""
@@ -215,6 +219,7 @@ class Share:
         )
         config.load()
         config.ssl = _context(own.certificate, own.key)
+        SSLProtocol.max_size = RECORD
         self._server = uvicorn.Server(config)
         bench.share(self.broadcast)
 

@@ -33,8 +33,8 @@ def _free_port():
 class Hosted:
     """A run with tickets, in this process."""
 
-    def __init__(self, name="far", port=None, seats=SEATS):
-        self.listener = Listener(f"tls/127.0.0.1:{port or _free_port()}", seats, 5.0)
+    def __init__(self, name="far", port=None, seats=SEATS, host="127.0.0.1"):
+        self.listener = Listener(f"tls/{host}:{port or _free_port()}", seats, 5.0)
         self.session = bus.host(name, controllers=["nf", "other"], listener=self.listener)
         self._scene = self.session.serve("scene", self._describe)
         self._stop = threading.Event()
@@ -85,6 +85,17 @@ def _written(tmp_path, text):
 def _altered(hosted, tmp_path, of="nf", **changes):
     """A copy of a ticket with other values."""
     return _written(tmp_path, tickets.sealed(_values(hosted, of) | changes))
+
+
+def test_the_address_may_be_a_name(runs):
+    hosted = Hosted(host="localhost")
+    try:
+        with pytest.raises(UsageError, match="another process listens there"):
+            hosted.listener.check(["nf"])
+        with _join(hosted.ticket()) as session:
+            assert run_setup.fetch(session).run == "far"
+    finally:
+        hosted.close()
 
 
 def test_a_ticket_is_of_its_owner_alone_and_vanishes_with_the_run(hosted):
@@ -190,12 +201,15 @@ def test_a_ticket_of_a_run_that_has_ended(hosted, tmp_path):
     hosted.close()
     with pytest.raises(BusError, match=rf"nobody listens at 127.0.0.1:{port}: the run far has ended, or not begun"):
         _join(old)
-    following = Hosted("next", port)
-    try:
-        with pytest.raises(BusError, match=r"another run than far listens at .*: ask for a ticket of that run"):
-            _join(old)
-    finally:
-        following.close()
+    for name in ("next", "far"):
+        following = Hosted(name, port)
+        try:
+            with pytest.raises(
+                BusError, match=r"the run that listens at .* has not issued it: ask for a ticket of that"
+            ):
+                _join(old)
+        finally:
+            following.close()
 
 
 def test_another_program_at_the_address(hosted, tmp_path):
@@ -451,6 +465,7 @@ def test_a_loss_says_what_this_computer_has_to_do_with_it(slept, address, why, a
         ("tls/[::]:7450", r"name the one address or name of this host"),
         ("tls/127.0.0.1:443", r"the port must be 1024 to 65535; those below belong to the system"),
         ("tls/127.0.0.1:70000", r"the port must be 1024 to 65535"),
+        ("tls/[::1]:7450", r"processes cannot join at an IPv6 address|Cannot assign requested address"),
         ("tls/192.0.2.7:7450", r"Cannot assign requested address; give an address of this host"),
         ("tls/no.such.name.invalid:7450", r"no address is known for the name no.such.name.invalid"),
     ],

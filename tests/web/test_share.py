@@ -291,6 +291,19 @@ def test_a_watcher_that_asks_without_end_is_slowed_and_the_others_are_not(watche
     assert other.http.get("/api/class").status_code == 200
 
 
+def test_a_class_may_watch_by_ipv6(folder):
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    with Server(0, folder, lambda _: None, f"[::1]:{free_place().rpartition(':')[2]}") as server:
+        watcher = Watcher(server.share)
+        assert watcher.first.status_code == 200
+        with watcher.socket() as page:
+            assert json.loads(page.recv(PATIENCE_S))["kind"] in ("state", "class")
+        watcher.http.close()
+
+
 def test_a_rate_bounds_the_burst_and_what_follows():
     rate = share.Rate(burst=5, per_s=1e-3)
     assert [rate.late_s("a") == 0.0 for _ in range(7)] == [True] * 5 + [False] * 2

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import controllers
-from rig.analysis.linear.control_loop import VANISHED, plant
+from rig.analysis.linear.control_loop import lasting, plant
 from rig.design import numbers
 from rig.design.linearised import Plant
 from rig.design.sampled_loops import Closed, ControlLoop, closed
@@ -30,9 +30,8 @@ def closed_rates(scene: Scene) -> Complex:
     not a linear feedback, and without steady sliding.
     """
     loops = closed_plant(scene, plant(scene), numbers(scene))
-    z = np.linalg.eigvals(loops.matrix).astype(np.complex128)
-    rates = np.log(z[np.abs(z) > VANISHED]) / loops.period
-    return np.asarray(rates[np.lexsort((-rates.imag, -rates.real))])
+    rates, _ = lasting(np.linalg.eigvals(loops.matrix).astype(np.complex128), loops.period)
+    return rates
 
 
 def closed_plant(scene: Scene, rig: Plant, values: Mapping[str, Any]) -> Closed:

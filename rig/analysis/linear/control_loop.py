@@ -84,15 +84,10 @@ class Loop(Result):
         period.
         """
         z, right, left = of_matrix(self.model.closed(self.gain))
-        seen = np.abs(z) > VANISHED
-        rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
-        order = np.lexsort((-rates.imag, -rates.real))
-        columns = np.flatnonzero(seen)[order]
+        rates, columns = lasting(z, self.model.period)
         states = self.model.states
         nq = sum(f"{name}'" in states for name in states)
-        return Spectrum(
-            rates[order], right[:, columns], left[:, columns], states, nq, self.model.own, energy=self.energy
-        )
+        return Spectrum(rates, right[:, columns], left[:, columns], states, nq, self.model.own, energy=self.energy)
 
     @property
     def growth(self) -> float:
@@ -197,8 +192,7 @@ class Loop(Result):
         """Angular frequencies up to that of Nyquist [rad/s], dense where a phase changes fast."""
         top = math.pi / self.model.period
         z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
-        lasting = z[np.abs(z) > VANISHED]
-        poles = np.log(lasting.astype(np.complex128)) / self.model.period
+        poles, _ = lasting(z, self.model.period)
         slowest = max(float(np.abs(poles).min()), 1e-6 * top)
         widths = np.linspace(-8.0, 8.0, 49)
         around = [p.imag + max(abs(p.real), 1e-9 * abs(p)) * widths for p in poles]
@@ -281,6 +275,17 @@ class Loop(Result):
             reached = any(max(sign * low, sign * high) > 0.0 for low, high in self.gain_ranges)
             wrong = self.gain and not reached
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
+
+
+def lasting(z: Complex, period: float) -> tuple[Complex, NDArray[np.int64]]:
+    """Return the rates ln(z) / period of eigenvalues of one period, least stable first, and their places in z.
+
+    Those that decay within a period are left out.
+    """
+    places = np.flatnonzero(np.abs(z) > VANISHED)
+    rates = np.asarray(np.log(z[places].astype(np.complex128)) / period, dtype=np.complex128)
+    order = np.lexsort((-rates.imag, -rates.real))
+    return rates[order], places[order]
 
 
 def ends(scene: Scene, name: str) -> tuple[str, str]:

@@ -23,12 +23,14 @@ from rig.controllers.blocks.base import Controller, State
 from rig.errors import DeviceError
 from rig.machine.board import ACT, ECHO, ECHOED, START, STEP, UNSTARTED, Address, Frame, SerialPort, UdpPort
 from rig.machine.process import no_garbage
-from rig.machine.scheduling import CONTROLLER, ahead, come_first, locked
+from rig.machine.scheduling import PLANT, ahead, come_first, locked
 
 READY = "ready\n"
 """What it prints when it answers."""
 LOOK_S = 0.1
 """Longest wait for a frame [s]."""
+PRIORITY = PLANT + 2
+"""Real-time priority: ahead of plant, controllers and their bus threads, because a board does not wait for them."""
 
 
 class Board:
@@ -109,7 +111,7 @@ def main() -> None:
     board = Board(controllers.restored(json.load(sys.stdin)))
     come_first()
     with suppress(KeyboardInterrupt), board_end(Address.read(sys.argv[1])) as port:
-        with no_garbage(), locked(), ahead(CONTROLLER):
+        with no_garbage(), locked(), ahead(PRIORITY):
             sys.stdout.write(READY)
             sys.stdout.flush()
             while True:
