@@ -81,28 +81,13 @@ class Job:
     @property
     def work(self) -> Work:
         """Its units as a work (rig.analysis.pool)."""
-        return Work(_Unit(self), range(MOST), self.scene.name, digest(self.scene, repr(self.identity)))
+        return Work(
+            Computer(self.grown, self.limits), range(MOST), self.scene.name, digest(self.scene, repr(self.identity))
+        )
 
     def grown(self) -> Growth:
         """The growth of its rigs."""
         return Growth(self.scene, self.box, self.measure, self.band)
-
-
-class _Unit:
-    """Computes one unit of a job; each process assembles rigs of its own."""
-
-    def __init__(self, job: Job) -> None:
-        self._job = job
-        self._computer: Computer | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_job": self._job, "_computer": None}
-
-    def __call__(self, unit: int, *given: float) -> Arrays:
-        """Return the result of a unit, for the numbers that it is given."""
-        if self._computer is None:
-            self._computer = Computer(self._job.grown(), self._job.limits)
-        return self._computer(given)
 
 
 def prepared(

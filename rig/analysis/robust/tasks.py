@@ -8,6 +8,7 @@ is a function of its numbers alone, so that neither the number of workers nor an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -107,17 +108,23 @@ class Tasks:
 
 
 class Computer:
-    """Computes units. The matrices of boxes, as polynomials, are kept for the other parts of each."""
+    """Computes units. Each process makes rigs of its own, by `make`, when it is asked for the first one.
 
-    def __init__(self, growth: Growth, limits: Sequence[Limit]) -> None:
-        self._growth = growth
+    The matrices of boxes, as polynomials, are kept for the other parts of each.
+    """
+
+    def __init__(self, make: Callable[[], Growth], limits: Sequence[Limit]) -> None:
+        self._make = make
         self._limits = limits
         self._examined: dict[tuple[float, ...], Examination] = {}
 
-    def __call__(self, given: Sequence[float]) -> Arrays:
-        """Return the result of one unit: `given` are its kind and its numbers."""
+    @cached_property
+    def _growth(self) -> Growth:
+        return self._make()
+
+    def __call__(self, unit: int, kind: float, *numbers: float) -> Arrays:
+        """Return the result of a unit, for its kind and its numbers."""
         growth = self._growth
-        kind, *numbers = given
         x, rest = np.split(np.array(numbers), [len(growth.box.free)])
         m = len(growth.box.uncertain)
         before = growth.count
@@ -161,5 +168,5 @@ class Computer:
 
 def here(growth: Growth, limits: Sequence[Limit] = ()) -> Tasks:
     """Return tasks that this process computes when they are asked for."""
-    computer = Computer(growth, limits)
-    return Tasks(growth, limits, lambda units: [computer(given) for given in units.values()])
+    computer = Computer(lambda: growth, limits)
+    return Tasks(growth, limits, lambda units: [computer(unit, *given) for unit, given in units.items()])
