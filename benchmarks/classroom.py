@@ -10,6 +10,7 @@ import http.client
 import json
 import socket
 import ssl
+import sys
 import tempfile
 import threading
 import time
@@ -34,11 +35,13 @@ def classroom(seconds: float, disturbed: bool = False) -> dict[str, Any]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         pid, (own, of_class) = stack.enter_context(server(folder, f"127.0.0.1:{_free_port()}"))
         bench = Bench(*parted(own))
+        _say("starts a run")
         bench.ask("/api/run", {"scene": SCENE, "duration": seconds + 12.0})
         while bench.ask("/api/run")["phase"] not in ("running", "ended"):
             time.sleep(0.1)
         time.sleep(2.0)
         alone = psutil.Process(pid).memory_info().rss
+        _say(f"{WATCHERS} watchers for {seconds:g} s{', with disturbers' if disturbed else ''}")
         room = _Room(of_class, disturbed)
         stack.callback(room.close)
         time.sleep(5.0)
@@ -47,11 +50,16 @@ def classroom(seconds: float, disturbed: bool = False) -> dict[str, Any]:
         time.sleep(seconds)
         end = time.time()
         used = psutil.Process(pid).memory_info().rss - alone
+        _say("waits for the end of the run")
         while (state := bench.ask("/api/run"))["phase"] != "ended":
             time.sleep(0.2)
     outcome = state["outcome"] or {"verdict": "INVALID", "reasons": [state["fault"]]}
     told = {"verdict": outcome["verdict"], "reasons": "; ".join(outcome["reasons"])}
     return {**told, **worst(room.pictures, begin, end, start), "memory_MB": used / WATCHERS / 1e6}
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"  {text}\n")
 
 
 def _free_port() -> int:

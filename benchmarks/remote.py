@@ -95,9 +95,13 @@ def measured(seconds: float, rounds: int) -> dict[str, Any]:
     here: list[dict[str, Any]] = []
     there: list[dict[str, Any]] = []
     with _elsewhere() as (address, inside):
-        for _ in range(rounds):
+        for number in range(rounds):
             here.append(_run(seconds))
             there.append(_run(seconds, address, inside))
+            for name, summaries in {"on this host": here, "by TLS": there}.items():
+                trip = summaries[-1]["round_trip"]
+                told = f"p50 {trip['p50'] / 1e3:.3f} ms, p99 {trip['p99'] / 1e3:.3f} ms, {summaries[-1]['verdict']}"
+                sys.stderr.write(f"  round {number + 1} of {rounds}, {name}: {told}\n")
     times = {
         name: [summary["round_trip"]["p99"] / 1e3 for summary in summaries]
         for name, summaries in {"here": here, "there": there}.items()
@@ -120,6 +124,7 @@ def _run(seconds: float, address: str = "", inside: Sequence[str] = ()) -> dict[
         if not address:
             return supervise.run(load(SCENE), duration=seconds, out=out, say=lambda _: None).to_json()
         started: list[subprocess.Popen[bytes]] = []
+        interrupts: list[str] = []
 
         def begun(run: str) -> None:  # in the thread of the supervisor, which has to go on
             threading.Thread(target=join, args=(run,), daemon=True).start()
@@ -141,12 +146,15 @@ def _run(seconds: float, address: str = "", inside: Sequence[str] = ()) -> dict[
                 deadline = time.monotonic() + _WAIT_S
                 while seat == "recorder" and not (folder / "far.mcap").exists() and time.monotonic() < deadline:
                     time.sleep(0.05)
+            while all(process.poll() is None for process in started):
+                time.sleep(0.1)
+            if any(process.wait() for process in started):  # else the plant waits for it until it is stopped
+                interrupts.append("the benchmark")
 
         listener = Listener(f"tls/{address}:{_free_port()}", ("nf", "recorder"), seconds)
         try:
-            summary = supervise.run(
-                load(SCENE), duration=seconds, out=out, say=lambda _: None, begun=begun, listener=listener
-            ).to_json()
+            how: dict[str, Any] = {"begun": begun, "listener": listener, "interrupts": interrupts}
+            summary = supervise.run(load(SCENE), duration=seconds, out=out, say=lambda _: None, **how).to_json()
             for process in started:
                 process.wait(_WAIT_S)
         finally:

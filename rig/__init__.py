@@ -546,7 +546,12 @@ def optimise(
         Option("NAME", "Components of a series, with --against: E6, E12, E24, E48, E96 or E192. Default: any value."),
     ] = None,
     prove: Annotated[
-        bool, Option("", "With --against: prove that no rig of the box grows, or say what is left.")
+        bool,
+        Option(
+            "",
+            "With --against: prove that no rig of the box grows, or say what is left; run nominal and worst rig, and "
+            "find the least knock from which they do not come back.",
+        ),
     ] = False,
     evaluations: Annotated[int, Option("N", "Largest number of points.", low=1, high=1_000_000)] = 600,
     seed: Seed = None,

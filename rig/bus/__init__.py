@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,6 +65,12 @@ def host(
     return open_hub(address.reserve(run, scene, endpoint), controllers, listener)
 
 
+def given_ticket(ticket: Path | None) -> Path | None:
+    """The ticket that was given, or without one the file that the environment variable RIG_TICKET names, if any."""
+    named = os.environ.get("RIG_TICKET")
+    return ticket or (Path(named) if named else None)
+
+
 def join(
     run: str | None = None,
     *,
@@ -72,25 +78,22 @@ def join(
     name: str,
     wait: float = 0.0,
     ticket: Path | None = None,
-    say: Callable[[str], object] = lambda _: None,
 ) -> Session:
     """Join a live run, by default the only one; wait at most `wait` seconds for it to appear. Raises BusError.
 
     `TOLD` as `run`: the first line of standard input is its name. A supervisor starts its processes before the plant
     has one, because their imports take as long as the plant's.
     `ticket`: the file that lets this process join a run of another host (rig.bus.tickets); by default, without `run`,
-    the one that the environment variable RIG_TICKET names. `say` gets a line when the connection to that host is lost.
+    the one that the environment variable RIG_TICKET names.
     `session.name` differs from `name` if the run already has a recorder or viewer of that name.
     """
     from rig.bus import address
     from rig.bus.link import open_leaf, open_ticket
 
-    if run is None and ticket is None and (named := os.environ.get("RIG_TICKET")):
-        ticket = Path(named)
-    if ticket is not None:
-        if run is not None:
-            raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
-        return open_ticket(ticket, role, name, wait, say)
+    if ticket is not None and run is not None:
+        raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
+    if run is None and (ticket := given_ticket(ticket)) is not None:
+        return open_ticket(ticket, role, name, wait)
     if run == TOLD:
         run = sys.stdin.readline().strip()
         if not run:

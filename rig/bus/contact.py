@@ -1,9 +1,9 @@
-"""The way to a plant on another host: why a ticket cannot be used there, and whether the plant can still be reached.
+"""The way to a plant on another host: why a ticket cannot be used there, and why its connection is lost.
 
 Whether a plant on this host is live shows in a lock. Of another host only the connection is known. While its cable is
 cut, both sides keep it: TCP sends again what was lost. It ends when the plant's process ends, or when nothing has come
-for the lease (`rig.bus.link`), after a cut or while this computer slept. Zenoh then tries to connect again. The plant
-counts as gone when its host says that nobody listens, or after `ALONE_S` without a connection.
+for the lease (`rig.bus.link`), after a longer cut or while this computer slept. A process does not take it up again by
+itself, because another one may have its seat by then.
 """
 
 from __future__ import annotations
@@ -11,17 +11,14 @@ from __future__ import annotations
 import socket
 import ssl
 import time
-from collections.abc import Callable
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.bus.tickets import Ticket
 from rig.errors import BusError
 
-ALONE_S = 10.0
-"""Longest time without a connection [s]: with the lease, a host that vanished is told of after 40 s."""
 _ANSWER_S = 3.0  # in which a host must accept a connection
-_LOOK_S = 0.3  # the same for one that has done so before, which a process asks while it waits
 _NAMES = (62, 64)  # errors of OpenSSL: the certificate is for another name, or another address
 _TIMES = (9, 10)  # it is not valid yet, or no more
 
@@ -31,10 +28,7 @@ def reach(ticket: Ticket, path: Path) -> None:
     host, port = ticket.place
     at = f"{host}:{port}"
     trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    try:
-        trusting.load_verify_locations(cadata=ticket.authority)
-    except (ssl.SSLError, ValueError):
-        raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host") from None
+    trusting.load_verify_locations(cadata=ticket.authority)
     try:
         with (
             socket.create_connection((host, port), _ANSWER_S) as plain,
@@ -49,9 +43,12 @@ def reach(ticket: Ticket, path: Path) -> None:
         if fault.verify_code in _NAMES:
             why = f"the certificate of the run at {at} does not name {host}: use the address that --listen named"
         elif fault.verify_code in _TIMES:
-            why = f"the certificate of the run at {at} is not valid by the clock of this host: set the clock"
+            clock = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+            why = (
+                f"its time is over, or not begun, by the clock of this host ({clock}): set it, or ask for a new ticket"
+            )
         else:
-            why = f"another run than {ticket.run} listens at {at}: ask for a ticket of that run"
+            why = f"the run that listens at {at} has not issued it: ask for a ticket of that run"
     except ssl.SSLError:
         why = f"what listens at {at} is no run: another program has the port"
     except OSError as fault:
@@ -60,9 +57,12 @@ def reach(ticket: Ticket, path: Path) -> None:
 
 
 def _local_address(host: str, port: int) -> str:
-    """The address of this host from which it reaches another one; "" if it does not."""
-    with suppress(OSError), socket.create_connection((host, port), _LOOK_S) as plain:
-        return str(plain.getsockname()[0])
+    """The address of this host from which it would reach another one; "" if it knows no way there."""
+    with suppress(OSError):
+        family, kind, _, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind) as asked:
+            asked.connect(place)  # sends nothing
+            return str(asked.getsockname()[0])
     return ""
 
 
@@ -73,53 +73,26 @@ def _slept_s() -> float:
 
 
 class Contact:
-    """Whether a process still has its plant, `connected()` at this moment; `over()`: the plant has said farewell.
+    """The connection that a process of another host has with the plant of its ticket, from now on."""
 
-    `say` gets a line when the connection is lost.
-    """
-
-    def __init__(
-        self,
-        ticket: Ticket,
-        connected: Callable[[], bool],
-        over: Callable[[], bool],
-        say: Callable[[str], object],
-    ) -> None:
+    def __init__(self, ticket: Ticket) -> None:
         self._ticket = ticket
-        self._connected = connected
-        self._over = over
-        self._say = say
-        self._since: float | None = None
         self._slept = _slept_s()
         self._address = _local_address(*ticket.place)
-        self.gone = ""
-        """Why the plant cannot be reached any more; "" while it can, and if it has said farewell."""
 
-    def ended(self) -> bool:
-        """Whether the run has ended, or its plant is gone. To be asked while the plant is not present."""
-        now = time.monotonic()
-        if self._connected():
-            self._since = None
-            return False
-        if self._over() or self.gone:
-            return True
-        run = self._ticket.run
-        at = self._ticket.endpoint
-        if self._since is None:
-            self._since = now
-            self._say(f"no connection to run {run} at {at}{self._own_part()}; trying again for {ALONE_S:g} s")
+    def loss(self) -> str:
+        """Why the connection was lost, in a line."""
+        at = f"run {self._ticket.run} at {self._ticket.endpoint}"
         try:
-            socket.create_connection(self._ticket.place, _LOOK_S).close()
+            socket.create_connection(self._ticket.place, _ANSWER_S).close()
         except ConnectionRefusedError:
-            self.gone = f"the plant of run {run} is gone: nobody listens at {at} any more"
+            return f"the plant of {at} is gone: nobody listens there any more"
         except OSError:
-            pass
-        if not self.gone and now - self._since > ALONE_S:
-            self.gone = f"the plant of run {run} is out of reach at {at}{self._own_part()}"
-        return bool(self.gone)
+            return f"the plant of {at} is out of reach{self._own_part()}"
+        return f"the connection to {at} was lost{self._own_part()}; start again with the ticket"
 
     def _own_part(self) -> str:
-        """What this computer has to do with the loss, for the end of a sentence."""
+        """What this computer has to do with the loss."""
         slept = _slept_s() - self._slept
         if slept > 1.0:
             return f": this computer slept for {slept:.0f} s"

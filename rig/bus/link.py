@@ -12,7 +12,7 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,8 @@ _OTHERS = ", ".join(f"{other}: (handover: app)" for other in ("acc", "net", "rx"
 _ONE_THREAD = f"(app: (worker_threads: 1), {_OTHERS})"
 """One thread for all of Zenoh instead of five: handing a message from thread to thread takes longer than sending it."""
 os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # Zenoh reads it when a process opens its first session
+_SOON = "tls_handshake_timeout_ms=3000"
+"""Time for a handshake, in which a stranger holds one of a hundred places. # chosen"""
 _LEASE_MS = 30_000
 """Time that a process may hang before the others close its connection. The death of a process is noticed at once."""
 
@@ -84,7 +86,7 @@ def open_hub(
                 from rig.bus import tickets  # imports ssl: only runs that other hosts can reach wait for it
 
                 files, by_tls = tickets.issue(address.run, listener, bus_user.reserved)
-                more |= {"listen/endpoints": endpoints, **by_tls}
+                more |= {"listen/endpoints": [address.endpoint, f"{listener.endpoint}#{_SOON}"], **by_tls}
             opened = zenoh.open(configuration("peer", address.endpoint, None, **more))
     except (zenoh.ZError, OSError) as fault:
         reservation.release()
@@ -92,6 +94,8 @@ def open_hub(
     except RigError:
         reservation.release()
         raise
+    if listener is not None:
+        _bound(int(listener.endpoint.rpartition(":")[2]))
     reservation.open()
     made = session.ZenohSession(address.run, "plant", bus_user, opened, reservation)
     made.tickets = files
@@ -122,10 +126,10 @@ def open_leaf(address: RunAddress, role: str, name: str) -> port.Session:
     return session.ZenohSession(address.run, role, bus_user, opened, None)
 
 
-def open_ticket(path: Path, role: str, name: str, wait: float, say: Callable[[str], object]) -> port.Session:
+def open_ticket(path: Path, role: str, name: str, wait: float) -> port.Session:
     """Open the session of a process of another host, which has a ticket; wait at most `wait` seconds for the run.
 
-    `say` gets a line when the connection is lost. Raises BusError.
+    Raises BusError.
     """
     from rig.bus import contact, tickets
 
@@ -153,8 +157,23 @@ def open_ticket(path: Path, role: str, name: str, wait: float, say: Callable[[st
             "from the plant's host"
         ) from None
     made = session.ZenohSession(ticket.run, role, own, opened, None)
-    made.depend(ticket, say)
+    made.depend(ticket)
     return made
+
+
+def _bound(port: int) -> None:
+    """Bound what other hosts can do to the socket that listens at `port`, and which Zenoh has opened.
+
+    The system ends a connection when its host has acknowledged nothing for the lease: Zenoh alone would wait until it
+    has sent what waits for that host. And strangers wait at the door: Zenoh takes in as many as come, but gives up only
+    ten of them a second.
+    """
+    for descriptor in filter(Path.is_socket, [*Path("/proc/self/fd").glob("*")]):  # only Linux has both
+        with socket.fromfd(int(descriptor.name), socket.AF_INET, socket.SOCK_STREAM) as opened:
+            listens = opened.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+            if listens and opened.getsockname()[1] == port:
+                opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _LEASE_MS)
+                opened.listen(0)
 
 
 def _probe(path: Path, run: str) -> None:

@@ -205,6 +205,8 @@ class Session(ABC):
         self._batches: Publisher | None = None
         self.tickets: Mapping[str, Path] = {}
         """Of the plant: seat -> its ticket (rig.bus.tickets)."""
+        self.lost = False
+        """On another host than the plant's: whether the connection was lost. It may be back, but the seat is not."""
 
     @property
     def holds(self) -> dict[str, str]:
@@ -213,7 +215,7 @@ class Session(ABC):
 
     @property
     def gone(self) -> str:
-        """Why a plant on another host cannot be reached any more; "" while it can, and when it has ended in order."""
+        """Why the connection to a plant on another host was lost; "" while it holds and after an orderly end."""
         return ""
 
     def seat(self, user: str, holder: str) -> None:
@@ -262,6 +264,11 @@ class Session(ABC):
     @abstractmethod
     def ended(self) -> bool:
         """Whether the plant process of the run has ended. A plant that hangs or is unreachable has not ended."""
+
+    def goes_on(self, plant: Watch) -> bool:
+        """Whether the run goes on, as far as its processes can know; `plant`: a watch of the plant, which may hang."""
+        plant.poll()
+        return not self.lost and (bool(plant.present) or not self.ended)
 
     @abstractmethod
     def close(self) -> None:

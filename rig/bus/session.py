@@ -349,6 +349,8 @@ class ZenohSession(Session):
         self._holders: dict[str, str] = {}
         """User of a ticket -> the connection that has its seat."""
         self._contact: Contact | None = None
+        self._over = False
+        """On another host than the plant's: whether the plant has said farewell."""
         atexit.register(self.close)
 
     def hold(self, users: Iterable[str]) -> None:
@@ -368,21 +370,25 @@ class ZenohSession(Session):
                 )
             self._holders[user] = holder
 
-    def depend(self, ticket: Ticket, say: Callable[[str], object]) -> None:
-        """Be a session of another host than the plant's, with a ticket; `say` gets a line when the plant is lost."""
-        farewell = self._zenoh.declare_subscriber(f"{self._prefix}plant/total/plant", zenoh.handlers.RingChannel(1))
-        self._declared.append(farewell)
-        said: list[Any] = []
-
-        def over() -> bool:
-            with contextlib.suppress(zenoh.ZError):
-                said.extend(filter(None, [farewell.try_recv()]))
-            return bool(said)
-
+    def depend(self, ticket: Ticket) -> None:
+        """Be a session of another host than the plant's, with a ticket."""
         from rig.bus.contact import Contact  # imports ssl: only processes of other hosts wait for it
 
+        self._contact = Contact(ticket)
         info = self._zenoh.info
-        self._contact = Contact(ticket, lambda: bool([*info.links()]), over, say)
+
+        def changed(event: zenoh.LinkEvent) -> None:
+            self.lost = self.lost or event.kind != _PUT
+
+        def farewell(_: zenoh.Sample) -> None:
+            self._over = True
+
+        self._declared += [
+            info.declare_link_events_listener(zenoh.handlers.Callback(changed, indirect=False)),
+            self._zenoh.declare_subscriber(
+                f"{self._prefix}plant/total/plant", zenoh.handlers.Callback(farewell, indirect=False)
+            ),
+        ]
 
     @property
     def holds(self) -> dict[str, str]:
@@ -392,7 +398,7 @@ class ZenohSession(Session):
     @property
     def gone(self) -> str:
         """See `Session.gone`."""
-        return "" if self._contact is None else self._contact.gone
+        return "" if self._contact is None or self._over or not self.lost else self._contact.loss()
 
     def _publisher(self, topic: str) -> Publisher:
         declared = self._zenoh.declare_publisher(
@@ -500,7 +506,7 @@ class ZenohSession(Session):
     def ended(self) -> bool:
         """See `Session.ended`."""
         if self._contact is not None:
-            return self._contact.ended()
+            return self.lost
         return self._reservation is None and not is_live(self.run)
 
     def close(self) -> None:

@@ -1,22 +1,23 @@
 """Tickets: files with which processes on other hosts join a run, one for each seat.
 
 The plant then also listens by TLS, at one address of its host, and both sides show certificates of an authority that
-exists for this run alone (`rig.bus.certificates`). A seat is a controller of the scene, `recorder`, `viewer` or
-`operator`. Its ticket holds all that its process needs: the run, the address, user and password, certificates and key.
-Who has the file has the seat, so only its owner may read it. The folder of tickets is deleted with the run.
+exists for this run alone (`rig.bus.certificates`); they bound the time of a ticket. A seat is a controller of the
+scene, `recorder`, `viewer` or `operator`. Its ticket holds all that its process needs: the run, the address, user and
+password, certificates and key. Who has the file has the seat, so only its owner may read it. The folder of tickets is
+deleted with the run.
 """
 
 from __future__ import annotations
 
 import base64
 import errno
+import hashlib
 import json
 import os
 import shutil
 import socket
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from rig import extras
 from rig.bus.access import BusUser, user_of
 from rig.bus.address import directory, folder
 from rig.bus.certificates import Authority
-from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError, UsageError
 from rig.machine import installation
 
@@ -46,14 +46,17 @@ def parted(endpoint: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-def check_place(given: str, place: str) -> tuple[str, int]:
-    """Host and port of a place HOST:PORT. Raises UsageError if nobody can listen there. `given`: the option."""
+def check_place(given: str, place: str, before: str = "") -> tuple[str, int]:
+    """Host and port of a place HOST:PORT. Raises UsageError if nobody can listen there.
+
+    `given`: the option; `before`: what its value has before the place.
+    """
     host, _, port = place.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdecimal():
         raise UsageError(
-            f"{given}: expected HOST:PORT with the name or address under which other hosts reach this one, "
-            "such as 192.168.7.2:7450"
+            f"{given}: expected {before}HOST:PORT with the name or address under which other hosts reach this one, "
+            f"such as {before}192.168.7.2:7450"
         )
     if host in _EVERYWHERE:
         raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
@@ -88,37 +91,29 @@ class Listener:
     def check(self, controllers: Collection[str]) -> None:
         """Raise UsageError if nobody can listen there, or if a seat is not there. `controllers`: those of the run."""
         extras.check("cryptography", "remote", "rig run --listen")
-        given = f"--listen {self.endpoint}"
-        kind, _, place = self.endpoint.partition("/")
-        port = place.rpartition(":")[2]
-        if kind != "tls" or not port.isdecimal():
-            raise UsageError(
-                f"{given}: expected tls/HOST:PORT with the name or address under which other hosts reach this one, "
-                "such as tls/192.168.7.2:7450"
-            )
         known = (*controllers, *SEATS)
         if unknown := [seat for seat in self.seats if seat not in known]:
             raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")
-        check_place(given, place)
+        kind, _, place = self.endpoint.partition("/")
+        given = f"--listen {self.endpoint}"
+        host, _ = check_place(given, place if kind == "tls" else "", "tls/")
+        if ":" in host:  # Zenoh takes it for a name
+            raise UsageError(f"{given}: processes cannot join at an IPv6 address; give a name or an IPv4 address")
 
 
 @dataclass(frozen=True)
 class Ticket:
-    """What a process on another host needs to take its seat. Certificates and key are texts in PEM; times ISO 8601."""
+    """What a process on another host needs to take its seat. Certificates and key are texts in PEM."""
 
     run: str
     endpoint: str
     seat: str
     user: str
     password: str
-    reserved: tuple[str, ...]
+    reserved: list[str]
     """Names that guests cannot use (`rig.bus.access.BusUser`)."""
     sources: str
     """Version and sources of the plant's installation (`rig.machine.installation`)."""
-    speaks: str
-    """Fingerprint of its message types."""
-    begins: str
-    ends: str
     authority: str
     certificate: str
     key: str
@@ -157,19 +152,26 @@ def issue(run: str, listener: Listener, reserved: Iterable[str]) -> tuple[dict[s
             seat=seat,
             user=user,
             password=(folder(run) / user).read_text(),
-            reserved=tuple(sorted(reserved)),
+            reserved=sorted(reserved),
             sources=installation.described(),
-            speaks=FINGERPRINT,
-            begins=authority.begins.isoformat(),
-            ends=authority.ends.isoformat(),
             authority=authority.certificate,
             certificate=held.certificate,
             key=held.key,
         )
         files[seat] = where / f"{seat}.ticket"
         with open(os.open(files[seat], os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
-            json.dump(asdict(ticket), file, indent=1)
+            file.write(sealed(asdict(ticket)))
     return files, _settings("listen", authority.certificate, own.certificate, own.key)
+
+
+def sealed(values: Mapping[str, Any]) -> str:
+    """The text of a ticket: its values under their hash, which tells whether all of it has arrived."""
+    content = json.dumps(values, indent=1)
+    return f"{_hash(content)}\n{content}\n"
+
+
+def _hash(content: str) -> str:
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _settings(side: str, authority: str, certificate: str, key: str) -> dict[str, Any]:
@@ -187,7 +189,7 @@ def _base64(text: str) -> str:
 
 
 def read(path: Path) -> Ticket:
-    """The ticket in a file. Raises BusError if it cannot be used on this host, now and with these sources."""
+    """The ticket in a file. Raises BusError if it cannot be used on this host and with these sources."""
     try:
         status = path.stat()
         text = path.read_text()
@@ -199,35 +201,14 @@ def read(path: Path) -> Ticket:
             f"the ticket {path} can be read by others (its mode is {status.st_mode & 0o777:o}), and holds a key: "
             f"chmod 600 {path}"
         )
-    try:
-        ticket = _whole(json.loads(text))
-        ends = datetime.fromisoformat(ticket.ends)
-        begins = datetime.fromisoformat(ticket.begins)
-    except (ValueError, TypeError, RecursionError):
-        raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host") from None
+    stated, _, content = text.strip().partition("\n")
+    if stated != _hash(content):
+        raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host")
+    values = json.loads(content)
     here = installation.described()
-    if ticket.sources != here or ticket.speaks != FINGERPRINT:
+    if values["sources"] != here:
         raise BusError(
-            f"the ticket {path} is of {ticket.sources:.80}, and this is {here}: install the same version on both hosts"
+            f"the ticket {path} is of {values['sources']:.80}, and this is {here}: install the same version on both "
+            "hosts"
         )
-    now = datetime.now(UTC)
-    if not begins <= now <= ends:
-        raise BusError(
-            f"the ticket {path} is valid from {ticket.begins} to {ticket.ends}, and the clock of this host says "
-            f"{now.isoformat(timespec='seconds')}: ask for a new ticket, or set the clock"
-        )
-    return ticket
-
-
-def _whole(values: Mapping[str, Any]) -> Ticket:
-    """The ticket of these values. Raises TypeError or ValueError if something is missing or of another type."""
-    texts = [field.name for field in fields(Ticket) if field.name != "reserved"]
-    reserved = values["reserved"] if isinstance(values, dict) and "reserved" in values else None
-    if not isinstance(reserved, list) or not all(isinstance(values.get(name), str) for name in texts):
-        raise ValueError
-    ticket = Ticket(**{**values, "reserved": tuple(map(str, reserved))})
-    host, port = ticket.place
-    pem = "-----BEGIN"
-    if not host or not port or not all(t.startswith(pem) for t in (ticket.authority, ticket.certificate, ticket.key)):
-        raise ValueError
-    return ticket
+    return Ticket(**values)

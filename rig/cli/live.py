@@ -247,7 +247,7 @@ def topic_echo(
         plant = session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
         shown = 0
-        while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):
+        while session.goes_on(plant) and (not count or shown < count):
             message = receiver.get(timeout=0.1)
             if message is not None:
                 fields = MessageToDict(message.said, preserving_proto_field_name=True)
@@ -271,10 +271,7 @@ def _heard(pattern: str, run: str | None, ticket: Path | None, listen: float) ->
 def web(
     port: Port = 0,
     no_open: Annotated[bool, Option("", "Print the address only; do not open the browser.")] = False,
-    ticket: Annotated[
-        Path | None,
-        Option("FILE", "Show the run on another host whose operator has this ticket: docs/remote.md.", "--ticket"),
-    ] = None,
+    ticket: Ticket = None,
     share: Annotated[
         str | None,
         Option("HOST:PORT", "Let a class watch from this address of this host, by HTTPS: docs/class.md.", "--share"),
@@ -283,15 +280,17 @@ def web(
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
     The page is reachable from this machine only, under the printed address. With --share others can watch.
+    With the ticket of an operator it shows the run on another host.
     Ctrl-C ends the active run and the server.
     """
+    from rig.bus import given_ticket
     from rig.bus.address import directory  # slow to import: only where a page is served
 
     directory()  # where no run can be live, the page would be of no use
     _check_web("rig web")
     from rig.web.server import serve
 
-    serve(port, not no_open, _say, ticket, share)
+    serve(port, not no_open, _say, given_ticket(ticket), share)
 
 
 def _check_web(what: str) -> None:

@@ -159,7 +159,7 @@ def doctor(
 
         if scene:
             raise UsageError(f"--ticket {ticket}: measures a link and no scenes; leave {' '.join(scene)} out")
-        link = measure(ticket, printing.note)
+        link = measure(ticket)
         return Answer(link, link.period_ms is not None)
     from rig.qualify.doctor import doctor as examine
 

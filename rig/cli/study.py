@@ -168,14 +168,20 @@ def _robust(
     """Design against uncertain values."""
     from rig.analysis import robust
     from rig.analysis.pool import Store
+    from rig.analysis.robust.in_time import envelopes
     from rig.analysis.robust.written import write
+    from rig.machine.files import write_file
 
     printing.warnings(scene)
     store = Store.of(job.work, at(out))
     refuse(store.folder, ("robust.csv",), force)
     with printing.kept(store, "batches of rigs"):
-        result = robust.designed(job, at(out), workers, printing.bar, cluster, prove)
+        result = robust.designed(job, at(out), workers, printing.bar, cluster, prove, printing.note)
     written = [] if file is None else [f"{write(result, file, scene_name)}: the designed scene"]
+    if result.timed:
+        name = store.folder / "in_time.csv"
+        write_file(name, envelopes(result.timed).csv().encode())
+        written.append(f"{name}: envelopes of the runs")
     return in_folder(result, store.folder, "robust", below=written, good=result.held)
 
 

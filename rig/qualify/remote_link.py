@@ -7,7 +7,6 @@ as long, plus the time in which the controller computes.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -57,13 +56,13 @@ class RemoteLink:
         return "\n".join(lines)
 
 
-def measure(path: Path, say: Callable[[str], object], asked: int = _ASKED) -> RemoteLink:
+def measure(path: Path, asked: int = _ASKED) -> RemoteLink:
     """Measure the link to the plant of the ticket in file `path` with `asked` questions. Raises BusError."""
     ticket = tickets.read(path)
     role = ticket.seat if ticket.seat in tickets.SEATS else "controller"
     trips = []
     missed = 0
-    with bus.join(role=role, name=ticket.seat, ticket=path, say=say) as session:
+    with bus.join(role=role, name=ticket.seat, ticket=path) as session:
         session.present("plant/*")  # the first question waits until both sides know each other
         for _ in range(asked):
             time.sleep(_PAUSE_S)

@@ -116,7 +116,7 @@ def record(
     exists and may not be `replace`d, raises OutputError; the run continues without a recording.
     """
     scheduling.stand_back(0)
-    with bus.join(run, role="recorder", name=name, wait=wait, ticket=ticket, say=say) as session:
+    with bus.join(run, role="recorder", name=name, wait=wait, ticket=ticket) as session:
         scheduling.receive_first()
         scheduling.stand_back(_NICE)  # this thread only: it writes, which may wait
         described = run_setup.fetch(session, wait)
@@ -179,10 +179,9 @@ class RunRecorder:
 
     def run(self, stop: threading.Event) -> Recording:
         """Record until the plant has left or `stop` is set; returns the account of the recording."""
-        while not stop.is_set() and (("plant", "plant") in self._plant.present or not self._session.ended):
+        while not stop.is_set() and self._session.goes_on(self._plant):
             if not self._take():
                 stop.wait(_PAUSE_S)
-            self._plant.poll()
         quiet = time.monotonic() + _LAST_WORDS_S  # presence arrives before data: the last messages are still on the way
         while not stop.is_set() and time.monotonic() < quiet:
             if not self._take():

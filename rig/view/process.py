@@ -86,7 +86,7 @@ def view(
     for a file that cannot be written.
     """
     stand_back(_NICE)
-    with bus.join(run, role="viewer", name=name, wait=wait, ticket=ticket, say=say) as session:
+    with bus.join(run, role="viewer", name=name, wait=wait, ticket=ticket) as session:
         bridge = Bridge(session, wait, trust)
         with viewer.sink(session.run, bridge.drawing, until=None, save=save, web=web) as (rec, shown):
             if shown is not None and shown.page:
@@ -129,12 +129,11 @@ class Bridge:
         self.drawing.static(rec)
         sender = Sender(rec)
         # a plant that hangs may come back while the session goes on
-        while not stop.is_set() and (self._plant.present or not self._session.ended) and watched() and not sender.fault:
+        while not stop.is_set() and self._session.goes_on(self._plant) and watched() and not sender.fault:
             self.listen()
             if sender.free:
                 sender.offer(self.feed.take(self.heard.lost))
             stop.wait(PAUSE_S)
-            self._plant.poll()
         stopped = stop.is_set()
         patience = 0.0 if stopped or not watched() else _LAST_WORDS_S
         quiet = time.monotonic() + patience

@@ -239,8 +239,8 @@ def app(bench: Bench) -> Starlette:
         _get("/api/jobs", lambda _: bench.jobs.all()),
         _post("/api/jobs/stop", bench.stop_job),
         Route("/jobs/{number:int}", _file(lambda values: bench.jobs.job(values["number"]).file())),
-        WebSocketRoute("/live", _stream(bench.broadcast.connect, bench.broadcast.disconnect)),
-        WebSocketRoute("/sound/{sensor}", _stream(bench.sounds.connect, bench.sounds.disconnect)),
+        WebSocketRoute("/live", stream(lambda _: bench.broadcast.connect(), bench.broadcast.disconnect)),
+        WebSocketRoute("/sound/{sensor}", stream(bench.sounds.connect, bench.sounds.disconnect)),
     ]
     return Starlette(routes=routes)
 
@@ -331,15 +331,17 @@ async def body_of(request: Request, largest: int = LARGEST) -> dict[str, Any]:
     return body
 
 
-def _stream(connect: Callable[..., Any], disconnect: Callable[[Any], object]) -> Callable[[WebSocket], Awaitable[None]]:
+def stream(
+    connect: Callable[[WebSocket], Any], disconnect: Callable[[Any], object]
+) -> Callable[[WebSocket], Awaitable[None]]:
     """A web socket that sends what `next()` of a page returns, and passes what it receives to its `heard`.
 
-    `connect`, with the values in the path, makes the page (`rig.web.broadcast.Page`, `rig.web.sound.Listener`).
+    `connect` makes the page (`rig.web.broadcast.Page`, `rig.web.sound.Listener`).
     """
 
     async def stream(socket: WebSocket) -> None:
         await socket.accept()
-        page = connect(**socket.path_params)
+        page = connect(socket)
 
         async def pump() -> None:
             while True:

@@ -141,11 +141,6 @@ class Page:
                 self._hidden = bool(said.get("hidden", self._hidden))
                 self.kick.set()
 
-    @property
-    def behind(self) -> bool:
-        """Whether it has not acknowledged what it was sent."""
-        return self._acknowledged < self._sent
-
     async def next(self) -> list[str]:
         """The messages that the page shall get now; waits until there are some and the page is ready."""
         while True:

@@ -355,9 +355,10 @@ class Follower:
             frame = frames.take(heard.lost)
             if frame is not None:
                 self._frame(frame)
-            plant.poll()
-            if not until and ("plant", "plant") not in plant.present and session.ended:
+            if not until and not session.goes_on(plant):
                 until = time.monotonic() + _LAST_WORDS_S  # presence changes arrive before data
+                if gone := session.gone:
+                    self._news("fault", gone)
             due = max(due + PERIOD_S, time.monotonic() + 0.005)
             self._stopped.wait(due - time.monotonic())
 

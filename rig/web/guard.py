@@ -78,7 +78,7 @@ class Guard:
         is_socket = scope["type"] == "websocket"
         local = self._gate.local(head.get("host"), head.get("origin"), of_a_page=is_socket)
         if local and any(self.admit(scope, value) for value in self._cookies(head)):
-            await self._app(scope, receive, self._with_headers(send))
+            await self.admitted(scope, receive, self._with_headers(send))
         elif (
             not is_socket
             and local
@@ -93,6 +93,10 @@ class Guard:
             await self.refuse_socket(receive, send)
         else:
             await self.refuse(scope, receive, self._with_headers(send))
+
+    async def admitted(self, scope: Any, receive: Any, send: Any) -> None:
+        """Pass on a request that is admitted."""
+        await self._app(scope, receive, send)
 
     def admit(self, _: Any, value: str) -> bool:
         """Whether a request with this value of the cookie is admitted."""

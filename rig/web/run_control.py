@@ -18,9 +18,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from rig import bus
 from rig.bench.live import supervise
 from rig.bench.live.outcome import AUTO, Outcome, Pace
-from rig.bus import address, tickets
+from rig.bus import address
 from rig.bus.messages import FINGERPRINT
 from rig.bus.topics import Message
 from rig.errors import OutputError, RigError, UsageError
@@ -123,7 +124,8 @@ class RunControl:
 
     def follow_ticket(self, ticket: Path) -> None:
         """Follow a run on another host as its operator, with the ticket in a file. Raises BusError."""
-        run = tickets.read(ticket).run
+        with bus.join(role="operator", name="page", ticket=ticket) as session:
+            run = session.run
         with self._lock:
             self._refuse_second()
             self._begin(run, run, None, "")

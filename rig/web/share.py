@@ -17,11 +17,13 @@ which it must read what it has got. The texts are made once for all watchers (`r
 from __future__ import annotations
 
 import asyncio
+import math
 import secrets
 import socket
 import ssl
 import tempfile
 import time
+from asyncio.sslproto import SSLProtocol
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
@@ -42,22 +44,25 @@ from rig.bus.certificates import Authority
 from rig.bus.tickets import check_place
 from rig.errors import UsageError
 from rig.extras import check
-from rig.web.app import PAGE, Bench, body_of, guarded, look
+from rig.web.app import PAGE, Bench, body_of, guarded, look, stream
 from rig.web.broadcast import Broadcast, Page
-from rig.web.guard import REFUSED, Gate, Guard
+from rig.web.guard import Gate, Guard
 from rig.web.plain_json import Answer
 from rig.web.seat import of_a_class, public
 
-CONNECTIONS = 256
-"""Most connections of all watchers; a browser has up to seven. # chosen"""
-OF_ONE = 48
-"""Most connections from one address, from which one watcher alone cannot lock the class out. # chosen"""
+OF_ONE = 440
+"""Most connections from one address: thirty laptops behind one router, each with up to eight, and 200 of a disturber
+among them. # chosen"""
+CONNECTIONS = 640
+"""Most connections of all watchers: one address cannot lock the others out. # chosen"""
+ASKING_S = 10.0
+"""Longest time in which a connection that is no web socket must get an answer [s]. # chosen"""
 SPACED_S = 0.08
 """Time between two pictures [s]: a little less than that of 10 a second, because frames come every 0.045 s."""
 HISTORY = 40
 """Frames for a page that connects: 2 s. # chosen"""
-READING_S = 15.0
-"""Longest time in which a watcher takes nothing of what it was sent, and is then disconnected [s]. # chosen"""
+PINGED_S = 15.0
+"""Time between two questions whether a page is still there, and longest wait for the answer [s]. # chosen"""
 MESSAGES = 40
 """Most messages of a watcher in a second: an answer to each picture, twice as many allowed for. # chosen"""
 LARGEST = 1 << 12
@@ -66,6 +71,8 @@ WRONG_S = 1.0
 """Time until a wrong token is answered [s]. # chosen"""
 ABSENT_S = 10.0
 """Time without a page after which who operates loses the operation [s]: a page that is loaded again keeps it."""
+RECORD = 1 << 14
+"""Buffer of each connection [bytes]: a record of TLS. Those of asyncio have 256 kB."""
 FORBIDDEN = "This page needs the address that rig web --share printed, with the token of the class; ask who runs it."
 TOO_MANY = "Too many requests from this address; wait ten seconds."
 _REMEMBERED = 1024
@@ -92,19 +99,30 @@ class Rate:
 
 
 class Door(Guard):
-    """The guard of a class: it slows a wrong token and an address with too many requests. `scope["watcher"]`: who."""
+    """The guard of a class: it slows a wrong token and who asks too often. `scope["watcher"]`: who."""
 
-    def __init__(self, app: Any, gate: Gate, cookie: str) -> None:
+    def __init__(self, app: Any, gate: Gate, cookie: str, places: BoundedSocket) -> None:
         super().__init__(app, gate, cookie)
-        self._rate = Rate(burst=600, per_s=30.0)
+        self._places = places
+        self._of_watcher = Rate(burst=200, per_s=10.0)
+        self._of_address = Rate(burst=4000, per_s=100.0)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer, slow or pass on one request."""
-        if scope["type"] == "http" and self._rate.late_s(scope["client"][0]):
+        client = tuple(scope["client"])
+        if scope["type"] == "websocket":
+            self._places.allow(client, math.inf)  # it has bounds of its own
+        await super().__call__(scope, receive, send)
+        self._places.allow(client, ASKING_S)
+
+    async def admitted(self, scope: Any, receive: Any, send: Any) -> None:
+        """Pass on a request of a watcher, unless there are too many."""
+        late = self._of_watcher.late_s(scope["watcher"]) or self._of_address.late_s(scope["client"][0])
+        if late and scope["type"] == "http":
             await asyncio.sleep(WRONG_S)
             await PlainTextResponse(TOO_MANY, 429)(scope, receive, send)
-            return
-        await super().__call__(scope, receive, send)
+        else:
+            await super().admitted(scope, receive, send)
 
     def admit(self, scope: Any, value: str) -> bool:
         """Whether the value of a cookie has the token of the class, and names a watcher."""
@@ -128,24 +146,43 @@ class Door(Guard):
 
 
 class BoundedSocket(socket.socket):
-    """A socket that listens, and closes at once what comes beyond the bounds."""
+    """A socket that listens. It closes at once what comes beyond the bounds, and who holds a place without asking.
+
+    A connection that has had no answer for its time loses its place to the next one that comes: it has not finished its
+    handshake or its request, or does not read.
+    """
 
     def bounded(self) -> BoundedSocket:
         """The same socket with its bounds."""
-        self._open: list[tuple[str, socket.socket]] = []
-        self._rate = Rate(burst=300, per_s=20.0)
+        self._open: dict[Any, tuple[socket.socket, float]] = {}  # host and port -> connection, end of its time
+        self._rate = Rate(burst=600, per_s=20.0)
         return self
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """The next connection within the bounds. Raises BlockingIOError if there is none."""
-        while True:
-            made, where = super().accept()
-            self._open = [(host, other) for host, other in self._open if other.fileno() != -1]
+        """The next connection. Raises BlockingIOError if there is none, ConnectionAbortedError beyond the bounds."""
+        made, where = super().accept()
+        if not self._rate.late_s(where[0]):
+            self._clear()
             of_one = sum(host == where[0] for host, _ in self._open)
-            if len(self._open) < CONNECTIONS and of_one < OF_ONE and not self._rate.late_s(where[0]):
-                self._open.append((where[0], made))
+            if len(self._open) < CONNECTIONS and of_one < OF_ONE:
+                self._open[where[:2]] = (made, time.monotonic() + ASKING_S)
                 return made, where
-            made.close()
+        made.close()
+        raise ConnectionAbortedError
+
+    def allow(self, client: Any, seconds: float) -> None:
+        """Give a connection (host and port) this time from now on."""
+        if client in self._open:
+            self._open[client] = (self._open[client][0], time.monotonic() + seconds)
+
+    def _clear(self) -> None:
+        """Forget connections that are closed, and close those whose time is over."""
+        now = time.monotonic()
+        for client, (connection, until) in [*self._open.items()]:
+            if connection.fileno() == -1 or until < now:
+                del self._open[client]
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
 
 
 class Share:
@@ -154,10 +191,11 @@ class Share:
     def __init__(self, place: str, bench: Bench) -> None:
         check("cryptography", "remote", "rig web --share")
         host, port = check_place(f"--share {place}", place)
-        numeric = socket.gethostbyname(host)
-        self._socket = BoundedSocket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP).bounded()
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        numeric = str(address[0])
+        self._socket = BoundedSocket(family, kind, protocol).bounded()
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self._socket.bind((numeric, port))
+        self._socket.bind(address)
         self._socket.listen(128)
         self.token = secrets.token_urlsafe(12)
         self.address = f"https://{place}/?token={self.token}"
@@ -168,19 +206,20 @@ class Share:
         """The certificate in PEM, for a program that checks it."""
         hosts = {place, f"{numeric}:{port}"}
         config = uvicorn.Config(
-            Door(watching(bench, self.broadcast), Gate(hosts, "https", self.token), f"class-{port}"),
+            Door(watching(bench, self.broadcast), Gate(hosts, "https", self.token), f"class-{port}", self._socket),
             access_log=False,
             log_level="critical",
             lifespan="off",
             timeout_graceful_shutdown=2,
             ws_max_size=LARGEST,
-            ws_ping_interval=READING_S,
-            ws_ping_timeout=READING_S,
+            ws_ping_interval=PINGED_S,
+            ws_ping_timeout=PINGED_S,
             ws_per_message_deflate=False,  # it would compress each picture once for each watcher
             ws="websockets-sansio",
         )
         config.load()
         config.ssl = _context(own.certificate, own.key)
+        SSLProtocol.max_size = RECORD
         self._server = uvicorn.Server(config)
         bench.share(self.broadcast)
 
@@ -211,6 +250,7 @@ def _context(certificate: str, key: str) -> ssl.SSLContext:
 def watching(bench: Bench, broadcast: Broadcast) -> Starlette:
     """The application of a class, without its guard."""
     seat = bench.seat
+    watchers = Watchers(bench, broadcast)
 
     async def page(_: Request) -> Response:
         html = (PAGE / "index.html").read_text(encoding="utf-8").replace("/page/main.js", "/page/watch.js")
@@ -247,63 +287,47 @@ def watching(bench: Bench, broadcast: Broadcast) -> Starlette:
         Route("/api/class", guarded(of_class), methods=["GET", "POST"]),
         Route("/api/run/command", operates(bench.control.command), methods=["POST"]),
         Route("/api/run/set", operates(bench.control.set), methods=["POST"]),
-        WebSocketRoute("/live", Watchers(bench, broadcast).serve),
+        WebSocketRoute("/live", stream(watchers.connect, watchers.disconnect)),
     ]
     return Starlette(routes=routes)
 
 
+class WatcherPage:
+    """A page of a watcher: one of the broadcast, with a bound for what it sends."""
+
+    def __init__(self, page: Page, watcher: str) -> None:
+        self.page = page
+        self.watcher = watcher
+        self.next = page.next
+        self._rate = Rate(burst=2 * MESSAGES, per_s=MESSAGES)
+
+    def heard(self, text: str) -> None:
+        """See `Page.heard`. Ends its connection if it says too much."""
+        if self._rate.late_s(""):
+            raise WebSocketDisconnect
+        self.page.heard(text)
+
+
 class Watchers:
-    """The web sockets of watchers."""
+    """The pages of all watchers. Without one for `ABSENT_S`, who operates loses the operation."""
 
     def __init__(self, bench: Bench, broadcast: Broadcast) -> None:
         self._bench = bench
         self._broadcast = broadcast
-        self._present: dict[str, int] = {}  # watcher -> pages
+        self._pages: set[WatcherPage] = set()
 
-    async def serve(self, socket: WebSocket) -> None:
-        """Send one watcher what the broadcast has, as long as it reads."""
-        await socket.accept()
-        watcher = socket.scope["watcher"]
-        self._present[watcher] = self._present.get(watcher, 0) + 1
-        page = self._broadcast.connect()
-        jobs = [asyncio.create_task(job) for job in (self._send(socket, page), self._hear(socket, page))]
-        try:
-            await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            self._broadcast.disconnect(page)
-            for job in jobs:
-                job.cancel()
-            await asyncio.gather(*jobs, return_exceptions=True)
-            with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
-                async with asyncio.timeout(1.0):
-                    await socket.close(REFUSED)
-            self._left(watcher)
+    def connect(self, socket: WebSocket) -> WatcherPage:
+        """A new page; `disconnect` it at the end."""
+        made = WatcherPage(self._broadcast.connect(), socket.scope["watcher"])
+        self._pages.add(made)
+        return made
 
-    async def _send(self, socket: WebSocket, page: Page) -> None:
-        while True:
-            try:
-                async with asyncio.timeout(READING_S):  # wait_for of Python 3.11 can lose the end of its task
-                    messages = await page.next()
-            except TimeoutError:
-                if page.behind:
-                    return
-                continue
-            for message in messages:
-                async with asyncio.timeout(READING_S):
-                    await socket.send_text(message)
-
-    async def _hear(self, socket: WebSocket, page: Page) -> None:
-        rate = Rate(burst=2 * MESSAGES, per_s=MESSAGES)
-        while not rate.late_s(""):
-            page.heard(await socket.receive_text())
-
-    def _left(self, watcher: str) -> None:
-        self._present[watcher] -= 1
-        if not self._present[watcher]:
-            del self._present[watcher]
-            if self._bench.seat.state["holder"] == public(watcher):
-                asyncio.get_running_loop().call_later(ABSENT_S, self._absent, watcher)
+    def disconnect(self, gone: WatcherPage) -> None:
+        """A page has gone."""
+        self._broadcast.disconnect(gone.page)
+        self._pages.discard(gone)
+        asyncio.get_running_loop().call_later(ABSENT_S, self._absent, gone.watcher)
 
     def _absent(self, watcher: str) -> None:
-        if watcher not in self._present:
+        if watcher not in [page.watcher for page in self._pages]:
             self._bench.seat.back(watcher)

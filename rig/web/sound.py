@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from starlette.websockets import WebSocket
 
 from rig.analysis.recorded.sound import LOWEST, REFERENCE
 from rig.bus import messages
@@ -75,9 +76,9 @@ class Sounds:
         self.wanted: frozenset[str] = frozenset()
         """Sensors to which a page listens."""
 
-    def connect(self, sensor: str) -> Listener:
-        """A page that listens to `sensor`; `disconnect` it at the end."""
-        listener = Listener(sensor)
+    def connect(self, socket: WebSocket) -> Listener:
+        """A page that listens to the sensor in the path of its web socket; `disconnect` it at the end."""
+        listener = Listener(socket.path_params["sensor"])
         self._listeners.add(listener)
         self._look()
         return listener

@@ -87,5 +87,5 @@ def test_a_plant_that_is_killed_is_told_by_each_process(runs, elsewhere, tmp_pat
     assert controller.wait(12.0) == 2
     assert recorder.wait(12.0 - (time.monotonic() - begun)) == 1
     for process in (controller, recorder):
-        assert "is gone: nobody listens at " in process.told.read_text()
+        assert "is gone: nobody listens there any more" in process.told.read_text()
     going.wait(60.0)

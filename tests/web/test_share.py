@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import httpx
 import pytest
 from patience import PATIENCE_S, wait_for
+from websockets.asyncio.client import connect as connecting
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -185,18 +186,22 @@ def test_a_long_request_is_refused(watcher):
     assert "longer than the 4096 bytes" in answer.json()["error"]
 
 
-def test_a_watcher_that_does_not_read_is_dropped(server, watcher, monkeypatch):
-    monkeypatch.setattr(share, "READING_S", 0.2)
-    with watcher.socket() as page:
-        page.recv(PATIENCE_S)
-        server.bench.seat.back()
-
-        def read():
-            for _ in range(10):
-                page.recv(PATIENCE_S)
-
-        with pytest.raises(ConnectionClosed):
-            read()
+def test_a_page_that_does_not_answer_is_dropped(folder, monkeypatch):
+    """A laptop that is closed: its web socket is open, and nothing comes back."""
+    monkeypatch.setattr(share, "PINGED_S", 0.2)
+    with Server(0, folder, lambda _: None, free_place()) as server:
+        watcher = Watcher(server.share)
+        host, port = watcher.base.removeprefix("https://").split(":")
+        cookie = "; ".join(f"{name}={value}" for name, value in watcher.http.cookies.items())
+        lines = ["GET /live HTTP/1.1", f"Host: {host}:{port}", f"Origin: {watcher.base}", f"Cookie: {cookie}"]
+        lines += ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+        lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "", ""]
+        with watcher.context.wrap_socket(socket.create_connection((host, int(port)), PATIENCE_S)) as closed:
+            closed.sendall("\r\n".join(lines).encode())
+            assert closed.recv(12) == b"HTTP/1.1 101"
+            while closed.recv(1 << 16):  # until the server ends it
+                pass
+        watcher.http.close()
 
 
 def test_connections_beyond_the_bound_are_closed_at_once(server, watcher):
@@ -219,6 +224,84 @@ def test_connections_beyond_the_bound_are_closed_at_once(server, watcher):
     finally:
         for one in made:
             one.close()
+
+
+def _held(address, count):
+    """Bare connections that ask for nothing."""
+    return [socket.create_connection(address, PATIENCE_S) for _ in range(count)]
+
+
+def test_thirty_laptops_behind_one_address_get_in_beside_two_hundred_connections(server, watcher):
+    """Each laptop with six connections for the page and one web socket, all from the address of the disturber."""
+    host, port = watcher.base.removeprefix("https://").split(":")
+    disturbing = _held((host, int(port)), 200)
+    pages = sorted(path.name for path in share.PAGE.glob("*.js"))[:6]
+
+    async def laptop():
+        six = {"limits": httpx.Limits(max_connections=6), "timeout": PATIENCE_S}
+        async with httpx.AsyncClient(base_url=watcher.base, verify=watcher.context, **six) as http:
+            await http.get("/", params={"token": server.share.token})
+            loaded = await asyncio.gather(*(http.get(f"/page/{name}") for name in pages))
+            head = {"Cookie": "; ".join(f"{name}={value}" for name, value in http.cookies.items())}
+            live = watcher.base.replace("https", "wss") + "/live"
+            async with connecting(live, additional_headers=head, origin=watcher.base, ssl=watcher.context) as page:
+                await page.recv()
+                return {answer.status_code for answer in loaded}
+
+    async def all_of_them():
+        return await asyncio.gather(*(laptop() for _ in range(30)))
+
+    try:
+        assert asyncio.run(all_of_them()) == [{200}] * 30
+    finally:
+        for one in disturbing:
+            one.close()
+
+
+@pytest.mark.parametrize("begun", [b"", b"GET / HTTP/1.1\r\nHost: "], ids=["no handshake", "half a request"])
+def test_who_asks_for_nothing_loses_its_place_to_the_next(server, monkeypatch, begun):
+    monkeypatch.setattr(share, "OF_ONE", 5)
+    monkeypatch.setattr(share, "ASKING_S", 0.5)
+    host, port = server.share.address.removeprefix("https://").partition("/")[0].split(":")
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    idle = _held((host, int(port)), 5)
+    if begun:
+        idle = [context.wrap_socket(one) for one in idle]
+        for one in idle:
+            one.sendall(begun)
+    try:
+        wait_for(lambda: _answers(server.share.address))
+    finally:
+        for one in idle:
+            one.close()
+
+
+def _answers(address):
+    try:
+        return httpx.get(address, verify=False).status_code == 303
+    except httpx.HTTPError:
+        return False
+
+
+def test_a_watcher_that_asks_without_end_is_slowed_and_the_others_are_not(watcher, other):
+    codes = {watcher.http.get("/api/class").status_code for _ in range(220)}
+    assert codes == {200, 429}
+    assert other.http.get("/api/class").status_code == 200
+
+
+def test_a_class_may_watch_by_ipv6(folder):
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    with Server(0, folder, lambda _: None, f"[::1]:{free_place().rpartition(':')[2]}") as server:
+        watcher = Watcher(server.share)
+        assert watcher.first.status_code == 200
+        with watcher.socket() as page:
+            assert json.loads(page.recv(PATIENCE_S))["kind"] in ("state", "class")
+        watcher.http.close()
 
 
 def test_a_rate_bounds_the_burst_and_what_follows():

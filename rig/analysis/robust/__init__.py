@@ -12,6 +12,11 @@ certificate
 job        what is asked for, checked; its units in a pool and a store
 search     design, nominal optimum and scene beside each other; the audit; what each value costs
 proof      the certificate of a design
+in_time    the proof in time: nominal and worst rig as runs, recorded
+knocked    their scenes: they begin at steady sliding and are knocked
+envelope   the growth of a run
+least_knock
+           the least knock from which a rig does not come back
 series     components of a series in place of any value
 result     text, JSON and CSV; its figures; the designed scene as a file
 """
@@ -23,10 +28,12 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.analysis.pool import Progress
+from rig.analysis.robust.in_time import Proof, Timed
 from rig.analysis.robust.job import Job, prepared
 from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import find
+from rig.errors import RigError
 from rig.record.provenance import provenance
 
 __all__ = ["Job", "RobustResult", "designed", "prepared"]
@@ -46,10 +53,12 @@ def designed(
     bar: Bar = _unseen,
     cluster: str = "",
     prove: bool = False,
+    watch: Callable[[str], object] = lambda text: None,
 ) -> RobustResult:
     """Carry out a robust design; results that its folder under `root` contains already are not computed again.
 
-    `prove`: examine the whole box. Raises UsageError, SceneError, WorkerError; what is finished stays.
+    `prove`: examine the whole box, and run nominal and worst rigs in time. `watch` gets what is done, in words. Raises
+    UsageError, SceneError, WorkerError; what is finished stays.
     """
     with bar("rigs") as progress:
         found, folder = find(job, root, workers, progress, cluster)
@@ -57,4 +66,13 @@ def designed(
         return RobustResult(job, found, provenance(job.seed), folder)
     with bar("proved thousandths of the box") as progress:
         certificate = proved(job, found, root, workers, progress, cluster)
-    return RobustResult(job, found, provenance(job.seed), folder, certificate)
+    timed: list[Timed] = []
+    untimed = ""
+    try:
+        proof = Proof(job, found, folder)
+        timed = proof.runs(watch)
+        with bar("knocks") as progress:
+            timed = proof.knocks(timed, workers, progress, watch)
+    except RigError as fault:  # the search may have taken hours: its report comes anyway
+        untimed = str(fault)
+    return RobustResult(job, found, provenance(job.seed), folder, certificate, tuple(timed), untimed)

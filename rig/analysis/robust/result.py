@@ -11,7 +11,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rig.analysis.robust import in_time
 from rig.analysis.robust.growth import LOOP, NoSliding
+from rig.analysis.robust.in_time import Timed
 from rig.analysis.robust.job import Job
 from rig.analysis.robust.proof import PROVED, REFUTED, Certificate
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
@@ -44,6 +46,9 @@ class RobustResult(Result):
     folder: Path
     certificate: Certificate | None = None
     """Of the whole box, if it was asked for."""
+    timed: tuple[Timed, ...] = ()
+    """Runs of nominal and worst rigs, if a proof was asked for, and why there is none or not all of it."""
+    untimed: str = ""
 
     @property
     def entries(self) -> dict[str, Entry]:
@@ -104,9 +109,15 @@ class RobustResult(Result):
         yield ""
         yield self._rigs()
         yield ""
+        if self.timed:
+            yield in_time.table(self.timed)
+            yield ""
         yield from (f"  {line}" for line in self._components())
         yield from (f"  {line}" for line in self._sure())
         yield from (f"  {line}" for line in self._proof())
+        yield from (f"  {line}" for line in in_time.lines(self.timed))
+        if self.untimed:
+            yield f"  the proof in time is not complete: {self.untimed}"
         yield from (f"  {line}" for line in self._notes())
 
     def _headline(self) -> str:
@@ -329,6 +340,8 @@ class RobustResult(Result):
             },
             "series": self._rounded_facts(),
             "certificate": self._certificate_facts(),
+            "in_time": in_time.facts(self.timed),
+            "not_in_time": self.untimed,
             "without_influence": list(found.idle),
             "at_the_edge": list(found.edges),
             "belief": list(self._remarks()),

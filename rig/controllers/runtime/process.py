@@ -85,14 +85,17 @@ class Worker(Service):
 
     def follow(self, stopped: Callable[[], bool]) -> None:
         """Answer steps until the plant leaves or `stopped()`. Raises BusError without a plant."""
-        if not self._plant_lives(3.0):
+        if not self.plant.wait_for("plant", "plant", 3.0):
             raise BusError(f"run {self.session.run} has no plant")
         self.session.announce()
         try:
             while not stopped():
-                if (step := self.next_step()) is not None:
+                step = self.next_step()
+                if self.session.lost:  # another process may have the seat by now: there are never two commanders
+                    break
+                if step is not None:
                     self.answer_step(step)
-                elif not self._plant_lives(0.0) and self.session.ended:
+                elif not self.session.goes_on(self.plant):
                     break
                 elif news := self.session.inbound.news():  # only while no step is due
                     self.publish("refused", "; ".join(news), {"refused": self.session.inbound.refusals()})
@@ -208,12 +211,6 @@ class Worker(Service):
         """Publish that this process has lost real-time scheduling."""
         self.publish("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
 
-    def _plant_lives(self, timeout: float) -> bool:
-        self.plant.poll(0.0)
-        if not self.plant.present:
-            self.plant.poll(timeout)
-        return bool(self.plant.present)
-
 
 def made(
     described: run_setup.Setup, name: str, file: Path | None = None, keys: Mapping[str, object] | None = None
@@ -241,8 +238,7 @@ def run(
 
     `changes`: parameters to begin with; of a file of another tool, all keys of its table. `trust`: run the code of
     foreign parts of the run. `ticket`: of a run on another host. Returns when the plant ends or on a signal to stop;
-    raises RigError if it cannot begin, if the controller fails, or if a plant on another host cannot be reached any
-    more.
+    raises RigError if it cannot begin, if the controller fails, or if a plant on another host is lost.
     """
     come_first()
     file = Path(what) if Path(what).suffix else None
@@ -251,7 +247,7 @@ def run(
         table = changes or {}
         changes = None
     name = file.stem if file is not None else what
-    with bus.join(run, role="controller", name=name, wait=wait, ticket=ticket, say=say) as session:
+    with bus.join(run, role="controller", name=name, wait=wait, ticket=ticket) as session:
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
@@ -272,8 +268,8 @@ def run(
             worker.follow(stop.is_set)
         counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
         say(f"{name} has left {session.run}: {counted}")
-        if session.gone:
-            raise BusError(session.gone)
+        if gone := session.gone:
+            raise BusError(gone)
 
 
 def main(arguments: list[str] | None = None) -> int:
