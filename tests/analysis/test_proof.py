@@ -14,6 +14,7 @@ from rig.analysis.robust.certificate import Examination, Polynomial, products
 from rig.analysis.robust.growth import LOOP, MODES
 from rig.analysis.robust.job import prepared
 from rig.analysis.robust.proof import PROVED, REFUTED, UNDECIDED, proved
+from rig.analysis.robust.result import RobustResult
 from rig.analysis.robust.search import find
 from rig.errors import UsageError
 
@@ -34,18 +35,20 @@ def loop_of(values):
 @pytest.mark.parametrize(("stated", "verdict"), [("0 ms:2 ms", PROVED), ("43 ms:45 ms", REFUTED)])
 def test_closed_loops_are_proved_for_every_delay_in_whole_frames(tmp_path, small, stated, verdict):
     against = {"friction.mu_static": "+-10 %", "controllers.nf.delay": stated}
-    asked = {"against": against, "overrides": GAIN, "out": tmp_path, "workers": 1}
-    found = lab.optimise("belt_normal_force", None, LOOP, prove=True, **asked)
-    assert found.certificate.verdict == verdict
+    job = prepared(lab.load("belt_normal_force", GAIN), {}, against, LOOP)
+    search, folder = find(job, tmp_path, 1)
+    known = proved(job, search, tmp_path, 1)
+    found = RobustResult(job, search, {}, folder, known)
+    assert known.verdict == verdict
     if verdict == PROVED:
-        assert found.certificate.boxes >= 3  # 0, 1 and 2 ms
+        assert known.boxes >= 3  # 0, 1 and 2 ms
         assert "every delay of whole frames among them" in found.text()
         corners = itertools.product((0.45, 0.55), (0.0, 0.001, 0.002))
         each = [loop_of({"friction.mu_static": mu, "controllers.nf.delay": delay}) for mu, delay in corners]
         assert max(each) < 0.0
         assert found.worst >= max(each) - 1e-9
     else:
-        rig = found.job.box.rig({}, found.certificate.rig)
+        rig = job.box.rig({}, known.rig)
         assert loop_of(rig) > 0.0
         assert "refuted by the rig" in found.text()
 

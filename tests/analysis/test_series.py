@@ -58,7 +58,8 @@ def small(monkeypatch):
 
 
 @pytest.mark.parametrize(("damping", "verdict"), [(52.0, "proved"), (49.0, "refuted")])
-def test_the_whole_box_of_a_belt_is_examined(tmp_path, small, damping, verdict):
+def test_the_whole_box_of_a_belt_is_examined(tmp_path, monkeypatch, small, damping, verdict):
+    monkeypatch.chdir(tmp_path)  # runs are recorded as well
     overrides = {"body.damping": damping}
     found = lab.optimise(
         "belt", None, "modes.growth", against=BELT, prove=True, overrides=overrides, out=tmp_path, workers=1
