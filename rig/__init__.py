@@ -499,7 +499,9 @@ def study(
 
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
+    from rig.analysis.studies.factors import check_once
 
+    check_once(over, overrides, untold)
     loaded = _scene(scene, overrides, untold, redesign)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(out), workers, keep=keep, cluster=cluster)
@@ -544,7 +546,12 @@ def optimise(
         Option("NAME", "Components of a series, with --against: E6, E12, E24, E48, E96 or E192. Default: any value."),
     ] = None,
     prove: Annotated[
-        bool, Option("", "With --against: prove that no rig of the box grows, or say what is left.")
+        bool,
+        Option(
+            "",
+            "With --against: prove that no rig of the box grows, or say what is left; run nominal and worst rig, and "
+            "find the least knock from which they do not come back.",
+        ),
     ] = False,
     evaluations: Annotated[int, Option("N", "Largest number of points.", low=1, high=1_000_000)] = 600,
     seed: Seed = None,
@@ -565,6 +572,9 @@ def optimise(
     """
     from pathlib import Path
 
+    from rig.analysis.studies.factors import check_once
+
+    check_once(over, overrides, untold)
     loaded = _scene(scene, overrides, untold, redesign)
     if against is None and band is None and limit is None and decay is None and series is None and not prove:
         from rig.analysis.studies.search import prepared, search

@@ -9,6 +9,7 @@ import time
 import tracemalloc
 import tty
 from math import inf, nan
+from types import SimpleNamespace
 
 import pytest
 from boards import free_port
@@ -184,3 +185,22 @@ def test_an_address_that_is_none_is_refused(text):
 def test_the_layout_is_that_of_the_page():
     sent = Frame(STEP, 0x01020304, 5_000_000, (0.25,)).to_bytes()
     assert sent == bytes([0x71, 1, 1, 8, 4, 3, 2, 1]) + struct.pack("<q", 5_000_000) + struct.pack("<d", 0.25)
+
+
+def test_a_wait_in_which_this_process_was_stopped_begins_anew(monkeypatch):
+    clock = [0.0]
+
+    class Stopped(Line):
+        """The first wait takes 10 s instead of 1 s; the answer is there after the second one."""
+
+        def send(self, frame, apart=False):
+            self.asked = Frame.from_bytes(frame)
+
+        def frames(self, timeout_s):
+            clock[0] += timeout_s if clock[0] else 10.0
+            return [self.asked._replace(kind=ACT)] if clock[0] > 10.0 else []
+
+    line = Stopped(Address("udp", "127.0.0.1", 5005), "float64", 1)
+    monkeypatch.setattr(board, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    assert line.ask(STEP, 5, (3.0,), 1.0).values == (3.0,)
+    assert clock[0] == 11.0

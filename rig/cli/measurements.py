@@ -75,7 +75,7 @@ def stick(
         Path | None,
         Option(
             "FILE",
-            "Write friction over rising speed, of a spring the mean of both ways, as the [friction] of a scene (TOML).",
+            "Write friction over rising speed, of a spring the mean of both ways, as the law of a scene (TOML).",
             check=new,
         ),
     ] = None,

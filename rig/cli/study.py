@@ -51,10 +51,11 @@ def study(
 
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
+    from rig.analysis.studies.factors import check_once
     from rig.machine.files import write_file
 
     _target(context, to)
-    _once(over, overrides, untold)
+    check_once(over, overrides, untold)
     work = prepared(scene, over, measure, duration=duration, keep=keep, **plan)
     store = _store(scene, work, out)
     refuse(store.folder, ("study.csv",), force)
@@ -72,14 +73,6 @@ def study(
             yield str(to)
 
     return Answer(result, not np.isnan(result.values).all(), then=then)
-
-
-def _once(over: Given, overrides: Given, untold: Given) -> None:
-    """Raise UsageError for a key that is varied and given a value too."""
-    for option, keys in (("-p", overrides), ("--untold", untold)):
-        for key in keys:
-            if key in over:
-                raise UsageError(f"--over {key}={over[key]}: {key} is set with {option}; leave one of the two out")
 
 
 def _store(scene: Scene, work: Any, out: Path) -> Store:
@@ -133,10 +126,11 @@ def optimise(
     Exit code 1: no point has a value, or no tolerance can be held.
     """
     from rig.analysis import robust
+    from rig.analysis.studies.factors import check_once
     from rig.analysis.studies.search import prepared
     from rig.analysis.studies.search import search as carry_out
 
-    _once(over, overrides, untold)
+    check_once(over, overrides, untold)
     if against or prove or limit or any(given is not None for given in (band, decay, series)):
         unused = [name for name in ("evaluations", "duration") if _typed(context, name)]
         if unused:
@@ -174,14 +168,20 @@ def _robust(
     """Design against uncertain values."""
     from rig.analysis import robust
     from rig.analysis.pool import Store
+    from rig.analysis.robust.in_time import envelopes
     from rig.analysis.robust.written import write
+    from rig.machine.files import write_file
 
     printing.warnings(scene)
     store = Store.of(job.work, at(out))
     refuse(store.folder, ("robust.csv",), force)
-    with printing.kept(store, "batches of rigs"), printing.bar("rigs") as progress:
-        result = robust.designed(job, at(out), workers, progress, cluster, prove)
+    with printing.kept(store, "batches of rigs"):
+        result = robust.designed(job, at(out), workers, printing.bar, cluster, prove, printing.note)
     written = [] if file is None else [f"{write(result, file, scene_name)}: the designed scene"]
+    if result.timed:
+        name = store.folder / "in_time.csv"
+        write_file(name, envelopes(result.timed).csv().encode())
+        written.append(f"{name}: envelopes of the runs")
     return in_folder(result, store.folder, "robust", below=written, good=result.held)
 
 

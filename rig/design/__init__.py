@@ -4,9 +4,9 @@ A controller never sees the plant. This step is carried out once at the start of
 numbers: scales between the units of its sensor and actuator and those of the contact, the frequency of the structure,
 observers. Each controller selects its numbers itself (rig.controllers.blocks.design).
 
-rig          the quantities that a controller's design step may use, among them a Kalman observer and vibration modes
-linearised   the rig linearised about steady sliding, from actuators to outputs; controllers in linear form; the
-             sampled control loop: controller, instrument, delay, sample and hold
+rig             the quantities that a controller's design step may use, among them a Kalman observer and vibration modes
+linearised      the rig linearised about steady sliding, from actuators to outputs; controllers in linear form
+sampled_loops   control loops around it: controllers, instruments, delays, sample and hold
 """
 
 from __future__ import annotations

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from rig.controllers.blocks.design import Actuator, Feedback
 from rig.controllers.blocks.observer import propagated
-from rig.design.linearised import linear, sampled
+from rig.design.linearised import linear
+from rig.design.sampled_loops import ControlLoop, sampled
 from rig.model.assembly import Assembly
 from rig.model.system import Patch
 from rig.stability.linearisation import Steady, sliding_key, steady
@@ -353,7 +354,7 @@ class DesignRig:
         """See `Rig.closed`."""
         section = self._sensors[sensor]
         plant = linear(self._assembly, self._vibration.rig)
-        model = sampled(plant, controller, section.reads, section.front_end(), round(delay * 1e9))
+        model = sampled(plant, ControlLoop(controller, section.reads, section.front_end(), round(delay * 1e9)))
         z = np.linalg.eigvals(model.closed())
         worst = z[np.argmax(np.abs(z))]
         rate = math.log(abs(worst)) / model.period

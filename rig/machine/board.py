@@ -8,6 +8,9 @@ stuffing) without a zero byte, then one zero byte.
     line = Line(Address.read("udp:192.168.7.2:5005"), "float64", answers=1)
     line.open()
     answer = line.ask(STEP, t_ns, (0.1,), patience_s=0.0008)
+
+`Link` opens the port of a board, and again when it is gone, and counts what arrives damaged. A `Line` asks the board of
+a controller; rig.bench.live.stream_ports has the link to a board that sends its values on its own.
 """
 
 from __future__ import annotations
@@ -16,19 +19,23 @@ import errno
 import os
 import select
 import socket
-import stat
 import struct
 import time
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from glob import glob
+from io import FileIO
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
+
+from pydantic import AfterValidator
 
 from rig.errors import DeviceError
 from rig.machine.files import take
+from rig.printable import counted
 
 try:
     import termios
@@ -48,7 +55,8 @@ ECHOED = 0x13
 MEASURED = 0x14
 """The values of a stream, which the board sends on its own."""
 HEAD = struct.Struct("<BBBBIq")
-CRC = struct.Struct("<I")
+CRC = 4
+"""Bytes of the checksum on a serial line."""
 WIDTHS = {"float32": 4, "float64": 8}
 LETTERS = {4: "f", 8: "d"}
 MOST = 24
@@ -57,6 +65,8 @@ MOST_BYTES = 256
 """Longest rest of a frame that is kept until its end arrives."""
 BOOT_S = 3.0
 """Longest wait for the first frame after a port was opened [s]. # chosen: this resets an Arduino, which takes 2 s"""
+BOOT_AGAIN_S = 0.05
+"""Time until the board is asked again while it starts [s]."""
 REOPEN_S = 0.2
 """Time between two attempts to open a port that is gone [s]."""
 BITS = 10
@@ -65,6 +75,17 @@ BITS = 10
 AGAIN_S, AGAIN_MOST_S = 0.01, 0.5
 COUNTED = ("asked", "again", "missed", "damaged", "other", "unfit", "resets", "opened")
 """Names of the counts of a `Line`."""
+# Most datagrams that are read at once. # chosen: a flood cannot stop its reader, and a backlog is soon over
+MOST_AT_ONCE = 64
+AWAY = {
+    errno.ECONNREFUSED,
+    errno.EHOSTUNREACH,
+    errno.ENETUNREACH,
+    errno.EHOSTDOWN,
+    errno.ENETDOWN,
+    errno.ENOBUFS,
+}
+"""What a network tells while a board is away; the port stays open."""
 
 
 class Frame(NamedTuple):
@@ -95,31 +116,28 @@ class Frame(NamedTuple):
 
 def stuffed(data: bytes) -> bytes:
     """Frame and CRC-32 as a serial port carries them, with the zero byte at the end; `data`: at most 249 bytes."""
-    whole = data + CRC.pack(zlib.crc32(data))
-    return b"".join([bytes((len(part) + 1,)) + part for part in whole.split(b"\0")]) + b"\0"
+    return b"".join([bytes((len(part) + 1,)) + part for part in (data + _crc(data)).split(b"\0")]) + b"\0"
 
 
 def unstuffed(data: bytes) -> bytes:
     """The frame of `stuffed` without its zero byte; empty if it is damaged."""
-    whole = bytearray()
+    parts = []
     at = 0
-    while at < len(data):
-        code = data[at]
-        if not code:
-            return b""
-        whole += data[at + 1 : at + code]
-        at += code
-        whole += b"\0"
-    del whole[-1:]
-    if at != len(data) or len(whole) < CRC.size:
-        return b""
-    frame = bytes(whole[: -CRC.size])
-    return frame if CRC.pack(zlib.crc32(frame)) == whole[-CRC.size :] else b""
+    while at < len(data) and data[at]:
+        parts.append(data[at + 1 : at + data[at]])
+        at += data[at]
+    whole = b"\0".join(parts)
+    frame = whole[:-CRC]
+    return frame if at == len(data) and whole[-CRC:] == _crc(frame) else b""
+
+
+def _crc(data: bytes) -> bytes:
+    return zlib.crc32(data).to_bytes(CRC, "little")
 
 
 def line_bytes(values: int, width: int) -> int:
     """Bytes on a serial line for a frame with this number of values: head, values, CRC, COBS, zero."""
-    return HEAD.size + values * width + CRC.size + 2
+    return HEAD.size + values * width + CRC + 2
 
 
 class Address(NamedTuple):
@@ -155,18 +173,17 @@ class Address(NamedTuple):
 
     def check(self) -> None:
         """Raise DeviceError for a serial port that is absent or not allowed, without opening it."""
-        if self.kind == "serial":
-            device = Path(self.where)
-            for number, holds in (
-                (errno.ENOENT, device.exists()),
-                (errno.EACCES, os.access(device, os.R_OK | os.W_OK)),
-            ):
-                if not holds:
-                    raise DeviceError(f"{self}: {_why_closed(self, OSError(number, ''))}")
+        if self.kind == "serial" and not os.access(self.where, os.R_OK | os.W_OK):
+            number = errno.EACCES if self.device.exists() else errno.ENOENT
+            raise DeviceError(f"{self}: {_why_closed(self, OSError(number, ''))}")
 
     def open(self, baud: int) -> Port:
         """Open the port for this process alone. Raises DeviceError, which says what to do."""
-        return SerialPort(self, baud) if self.kind == "serial" else UdpPort(self)
+        return _opened_serial(self, baud) if self.kind == "serial" else _opened_udp(self)
+
+
+PortName = Annotated[str, AfterValidator(lambda text: str(Address.read(text)))]
+"""The key of a scene that states an address."""
 
 
 class Port(Protocol):
@@ -183,54 +200,59 @@ class Port(Protocol):
 
 
 class SerialPort:
-    """A serial port in raw mode, 8 bits without parity, opened for this process alone."""
+    """Frames through an open serial port, or one end of a pseudo terminal."""
 
-    def __init__(self, address: Address, baud: int) -> None:
-        if termios is None:
-            raise DeviceError(f"{address}: serial ports need Linux or macOS here; use UDP")
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
         self._rest = b""
-        try:
-            self._file = os.open(address.where, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        except OSError as error:
-            raise DeviceError(f"{address}: {_why_closed(address, error)}") from None
-        try:
-            if not take(self._file):
-                raise DeviceError(f"{address}: another process has opened it; end this process first")
-            _set_raw(self._file, baud)
-        except (OSError, termios.error):
-            self.close()
-            raise DeviceError(f"{address}: is not a serial port; {_known_ports()}") from None
-        except DeviceError:
-            self.close()
-            raise
+
+    def write(self, data: bytes) -> None:
+        """Send bytes as they are. Those that do not fit into the buffer of the port are not sent."""
+        self._file.write(data)
 
     def send(self, frame: bytes, apart: bool = False) -> None:
-        """See `Port.send`. What does not fit into the buffer of the port is not sent."""
-        try:
-            os.write(self._file, b"\0" * apart + stuffed(frame))
-        except BlockingIOError:  # the board reads nothing
-            return
+        """See `Port.send`."""
+        self.write(b"\0" * apart + stuffed(frame))
 
     def receive(self, timeout_s: float) -> list[bytes]:
         """See `Port.receive`."""
         if not select.select([self._file], [], [], max(timeout_s, 0.0))[0]:
             return []
-        try:
-            got = os.read(self._file, 4096)
-        except BlockingIOError:
-            return []
-        if not got:
+        got = self._file.read(4096)
+        if got == b"":
             raise OSError(errno.EIO, "the port is gone")
-        *ended, rest = (self._rest + got).split(b"\0")
+        *ended, rest = (self._rest + (got or b"")).split(b"\0")
         self._rest = rest[-MOST_BYTES:]
         return [unstuffed(part) for part in ended if part]
 
     def close(self) -> None:
         """See `Port.close`."""
-        os.close(self._file)
+        self._file.close()
 
 
-def _set_raw(file: int, baud: int) -> None:
+def _opened_serial(address: Address, baud: int) -> SerialPort:
+    """The port in raw mode, 8 bits without parity, for this process alone. Raises DeviceError."""
+    if termios is None:
+        raise DeviceError(f"{address}: serial ports need Linux or macOS here; use UDP")
+    try:
+        with ExitStack() as opened:
+            file = opened.enter_context(FileIO(address.where, "r+", opener=_without_waiting))
+            if not take(file):
+                raise OSError(errno.EBUSY, "")
+            _set_raw(file, baud)
+            opened.pop_all()
+    except termios.error:
+        raise DeviceError(f"{address}: is not a serial port; {_known_ports()}") from None
+    except OSError as error:
+        raise DeviceError(f"{address}: {_why_closed(address, error)}") from None
+    return SerialPort(file)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOCTTY | os.O_NONBLOCK)
+
+
+def _set_raw(file: FileIO, baud: int) -> None:
     """Set a terminal to plain bytes at this rate. Raises DeviceError for a rate that the system does not know."""
     rate = getattr(termios, f"B{baud}", None)
     if rate is None:
@@ -249,27 +271,21 @@ def _set_raw(file: int, baud: int) -> None:
 
 def _why_closed(address: Address, error: OSError) -> str:
     """Why a serial port cannot be opened, and what to do."""
-    if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return f"there is no such port; {_known_ports()}"
-    if error.errno in (errno.EBUSY, errno.EAGAIN):
-        return "another program has opened it; end this program first"
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return f"you may not open it; {_right(address.device)}"
-    return error.strerror or str(error)
+    absent = f"there is no such port; {_known_ports()}"
+    taken = "another process has opened it; end this process first"
+    forbidden = f"you may not open it; become a member of its group (sudo usermod -aG {_group(address)} $USER) and log "
+    forbidden += "in again"
+    told = {errno.EACCES: forbidden, errno.EPERM: forbidden, errno.EBUSY: taken, errno.EAGAIN: taken}
+    told |= dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), absent)
+    return told.get(error.errno or 0) or error.strerror or str(error)
 
 
-def _right(device: Path) -> str:
-    """What gives a user the right to open a port."""
-    group = "dialout"
-    try:
-        import grp
-
-        state = device.stat()
-        if state.st_mode & stat.S_IWGRP and state.st_gid:
-            group = grp.getgrgid(state.st_gid).gr_name
-    except (ImportError, KeyError, OSError):
-        pass
-    return f"become a member of its group (sudo usermod -aG {group} $USER) and log in again"
+def _group(address: Address) -> str:
+    """The group whose members may open a serial port."""
+    group = "root"
+    with suppress(KeyError, OSError, NotImplementedError):
+        group = address.device.group()
+    return "dialout" if group == "root" else group
 
 
 def _known_ports() -> str:
@@ -278,71 +294,141 @@ def _known_ports() -> str:
 
 
 class UdpPort:
-    """A UDP socket that is connected to the board: datagrams of others never arrive. It is bound to the next number.
+    """A UDP socket from an address of this computer to another one: datagrams of others never arrive."""
 
-    Blocks of Simulink and LabVIEW send to a fixed port: that of the board plus one.
-    """
-
-    def __init__(self, address: Address) -> None:
+    def __init__(self, here: tuple[str, int], there: tuple[str, int]) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            host = socket.gethostbyname(address.where)
-            self._socket.bind((_own_address(host, address.number), address.number + 1))
-            self._socket.connect((host, address.number))
-        except OSError as error:
+            self._socket.bind(here)
+            self._socket.connect(there)
+        except OSError:
             self.close()
-            raise DeviceError(f"{address}: {_why_no_udp(address, error)}") from None
+            raise
+        self._socket.setblocking(False)
 
     def send(self, frame: bytes, apart: bool = False) -> None:
         """See `Port.send`."""
-        try:
-            self._socket.send(frame)
-        except OSError as error:
-            _nobody_there(error)
+        self._socket.send(frame)
 
     def receive(self, timeout_s: float) -> list[bytes]:
         """See `Port.receive`."""
-        if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
-            return []
-        try:
-            return [self._socket.recv(2048)]
-        except OSError as error:
-            _nobody_there(error)
-            return []
+        received: list[bytes] = []
+        if select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
+            with suppress(BlockingIOError):
+                while len(received) < MOST_AT_ONCE:
+                    received.append(self._socket.recv(2048))
+        return received
 
     def close(self) -> None:
         """See `Port.close`."""
         self._socket.close()
 
 
-def _own_address(host: str, number: int) -> str:
+def _opened_udp(address: Address) -> UdpPort:
+    """A port that is bound to the number after that of the board. Raises DeviceError.
+
+    Blocks of Simulink and LabVIEW send to a fixed port number.
+    """
+    number = address.number + 1
+    try:
+        host = socket.gethostbyname(address.where)
+        return UdpPort((_own_address(host), number), (host, address.number))
+    except (socket.gaierror, UnicodeError):
+        raise DeviceError(f"{address}: no computer is called {address.where}") from None
+    except OSError as error:
+        told = {
+            errno.EADDRINUSE: f"another process uses the port {number} of this computer, at which the answers arrive",
+            errno.EACCES: f"you may not use the port {number} of this computer; choose one above 1023",
+        }
+        raise DeviceError(f"{address}: {told.get(error.errno or 0) or error.strerror}") from None
+
+
+def _own_address(host: str) -> str:
     """The address of this computer in the network of the board."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect((host, number))
+        probe.connect((host, 9))
         return str(probe.getsockname()[0])
 
 
-def _nobody_there(error: OSError) -> None:
-    """Pass over what the network tells while the board is away; raise `error` if it is something else."""
-    away = errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, errno.ENETDOWN, errno.ENOBUFS
-    if error.errno not in away:
-        raise error
+class Link:
+    """The port of one board in one process. `counted`: names of its `counts`.
+
+    `unfit`: what is wrong with the last frame that is whole and cannot be used.
+    """
+
+    def __init__(self, address: Address, baud: int, counted: Sequence[str]) -> None:
+        self.address = address
+        self.counts: Counter[str] = Counter(dict.fromkeys(counted, 0))
+        self.unfit = ""
+        self._baud = baud
+        self._port: Port | None = None
+        self._tried = -inf
+
+    def __del__(self) -> None:
+        self.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the port. Raises DeviceError."""
+        self._tried = time.perf_counter()
+        self._port = self.address.open(self._baud)
+
+    def close(self) -> None:
+        """Close the port, if it is open."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def send(self, frame: bytes, apart: bool = False) -> None:
+        """Send a frame, if the port is open; see `Port.send`."""
+        try:
+            if self._port is not None:
+                self._port.send(frame, apart)
+        except OSError as error:
+            self._fail(error)
+
+    def frames(self, timeout_s: float) -> list[Frame]:
+        """The frames that have arrived, waiting at most `timeout_s`. A port that is gone is opened again."""
+        received = []
+        if self._port is None and time.perf_counter() - self._tried >= REOPEN_S:
+            with suppress(DeviceError):
+                self.open()
+        try:
+            if self._port is None:
+                time.sleep(min(timeout_s, AGAIN_S))
+            else:
+                received = self._port.receive(timeout_s)
+        except OSError as error:
+            self._fail(error)
+        frames = [frame for frame in map(Frame.from_bytes, received) if frame is not None]
+        self.counts["damaged"] += len(received) - len(frames)
+        return frames
+
+    def _fail(self, error: OSError) -> None:
+        if error.errno not in AWAY:
+            self.close()
+
+    @property
+    def received(self) -> str:
+        """What arrived in vain, as the end of a sentence."""
+        nouns = {"damaged": "damaged frame", "other": "late, doubled or foreign frame", "unfit": "unfit frame"}
+        said = [counted(self.counts[name], noun) for name, noun in nouns.items() if self.counts[name]]
+        gone = "" if self.is_open else ", the port is gone"
+        return (
+            gone
+            + (f"; received so far: {', '.join(said)}" if said else "")
+            + (f" ({self.unfit})" if self.unfit else "")
+        )
 
 
-def _why_no_udp(address: Address, error: OSError) -> str:
-    if isinstance(error, socket.gaierror):
-        return f"no computer is called {address.where}"
-    if error.errno == errno.EADDRINUSE:
-        return f"another process uses the port {address.number + 1} of this computer, at which the answers arrive"
-    if error.errno == errno.EACCES:
-        return f"you may not use the port {address.number + 1} of this computer; choose one above 1023"
-    return error.strerror or str(error)
+class Line(Link):
+    """Asks the board of a controller. `answers`: number of values of an answer.
 
-
-class Line:
-    """The port of one board in one process: asks, and counts what is wrong. `answers`: values of an answer.
-
-    COUNTED   asked      frames that were sent, repeated ones not counted
+    COUNTED   asked      frames to which an answer was wanted
               again      frames that were sent again
               missed     frames without an answer
               damaged    received: no frame, or CRC, length or version is wrong
@@ -353,97 +439,77 @@ class Line:
     """
 
     def __init__(self, address: Address, values: str, answers: int, baud: int = 115200) -> None:
-        self.address = address
-        self.counts: Counter[str] = Counter(dict.fromkeys(COUNTED, 0))
-        self.unfit = ""
-        """What is wrong with the last answer that does not fit."""
-        self._baud = baud
+        super().__init__(address, baud, COUNTED)
         self._width = WIDTHS[values]
         self._answers = answers
-        self._port: Port | None = None
         self._sequence = int.from_bytes(os.urandom(4), "little")
         self._apart = False
 
     def open(self) -> None:
-        """Open the port, if it is not open. Raises DeviceError."""
-        if self._port is None:
-            self._port = self.address.open(self._baud)
-            self.counts["opened"] += 1
+        """See `Link.open`."""
+        super().open()
+        self.counts["opened"] += 1
 
-    def __del__(self) -> None:
-        self.close()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the port is open."""
-        return self._port is not None
-
-    def close(self) -> None:
-        """Close the port."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+    def wait(self, values: int) -> None:
+        """Open the port and wait for the echo of so many values. Raises DeviceError without one within `BOOT_S`."""
+        self.open()
+        if self.ask(ECHO, 0, (0.0,) * values, BOOT_S, BOOT_AGAIN_S) is None:
+            rate = f" at {self._baud} baud" if self.address.kind == "serial" else ""
+            said = self.received
+            self.close()
+            raise DeviceError(
+                f"{self.address}: no answer within {BOOT_S:g} s{rate}{said}; is the board on, and does its program "
+                "answer the frames of docs/device.md?"
+            )
 
     def ask(
         self, kind: int, t_ns: int, values: Sequence[float], patience_s: float, again_s: float = inf
     ) -> Frame | None:
         """The answer to a frame; None if none fits within `patience_s`. It is sent again first after `again_s`.
 
-        Raises OSError if the port is closed or its end is gone; it is closed then.
+        The wait begins anew if this process was stopped for longer than `patience_s`: in a virtual machine the board's
+        program then was, too.
         """
-        if self._port is None:
-            raise OSError(errno.EIO, "the port is closed")
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         asked = Frame(kind, self._sequence, t_ns, tuple(values), self._width)
         data = asked.to_bytes()
-        self.counts["asked"] += 1
-        try:
-            answer = self._exchanged(self._port, asked, data, patience_s, again_s)
-        except OSError:
-            self.close()
-            self.counts["missed"] += 1
-            raise
-        if answer is None:
-            self.counts["missed"] += 1
-        elif answer.kind == UNSTARTED:
-            self.counts["resets"] += 1
-        self._apart = answer is None
-        return answer
-
-    def _exchanged(self, port: Port, asked: Frame, data: bytes, patience_s: float, again_s: float) -> Frame | None:
-        now = time.perf_counter()
+        answers: list[Frame] = []
+        now = again = time.perf_counter()
         end = now + patience_s
-        port.send(data, self._apart)
-        again = now + again_s
-        while now < end:
+        sent = 0
+        while now < end and not answers:
             if now >= again:
-                port.send(data, True)
-                self.counts["again"] += 1
-                again_s = min(2.0 * again_s, AGAIN_MOST_S)
+                self.send(data, self._apart)
+                self._apart = True  # until an answer shows that the board reads whole frames
+                sent += 1
                 again = now + again_s
-            fitting = [self._fitting(received, asked) for received in port.receive(min(end, again) - now)]
-            answers = [frame for frame in fitting if frame is not None]
-            if answers:
-                self.counts["other"] += len(answers) - 1
-                return answers[0]
+                again_s = min(2.0 * again_s, AGAIN_MOST_S)
+            answers = [frame for frame in self.frames(min(end, again) - now) if self._fits(frame, asked)]
             now = time.perf_counter()
-        return None
+            if now > end + patience_s:
+                end = now + patience_s
+        counts = self.counts
+        counts["asked"] += 1
+        counts["again"] += max(sent - 1, 0)
+        counts["other"] += max(len(answers) - 1, 0)
+        if not answers:
+            counts["missed"] += 1
+            return None
+        self._apart = False
+        counts["resets"] += answers[0].kind == UNSTARTED
+        return answers[0]
 
-    def _fitting(self, received: bytes, asked: Frame) -> Frame | None:
-        """The frame that was received, if it answers what was asked; else it is counted."""
-        frame = Frame.from_bytes(received)
-        if frame is None:
-            self.counts["damaged"] += 1
-        elif (frame.sequence, frame.t_ns) != (asked.sequence, asked.t_ns):
+    def _fits(self, frame: Frame, asked: Frame) -> bool:
+        """Whether a frame answers what was asked; else it is counted."""
+        if (frame.sequence, frame.t_ns) != (asked.sequence, asked.t_ns):
             self.counts["other"] += 1
-        elif asked.kind == ECHO or frame.kind == UNSTARTED:
-            return frame
-        elif (frame.kind, frame.width, len(frame.values)) == (ACT, asked.width, self._answers):
-            return frame
-        else:
-            self.counts["unfit"] += 1
-            self.unfit = (
-                f"an answer is of kind {frame.kind:#x} with {len(frame.values)} values of {frame.width} bytes; "
-                f"expected kind {ACT:#x} with {self._answers} of {asked.width} bytes"
-            )
-        return None
+            return False
+        expected = ACT, asked.width, self._answers
+        if asked.kind == ECHO or frame.kind == UNSTARTED or (frame.kind, frame.width, len(frame.values)) == expected:
+            return True
+        self.counts["unfit"] += 1
+        self.unfit = (
+            f"an answer is of kind {frame.kind:#x} with {len(frame.values)} values of {frame.width} bytes; "
+            f"expected kind {ACT:#x} with {self._answers} of {asked.width} bytes"
+        )
+        return False

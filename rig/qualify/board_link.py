@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.controllers.device import BOOT_AGAIN_S, PATIENCE
+from rig.controllers.device import PATIENCE
 from rig.errors import DeviceError
-from rig.machine.board import BOOT_S, ECHO, HEAD, WIDTHS, Address, Line, line_bytes
+from rig.machine.board import ECHO, HEAD, WIDTHS, Address, Line, line_bytes
 
 RATES = {100: 100, 1000: 2000, 5000: 5000}
 """Rate of the frames [1/s] -> how many. # chosen: at most two seconds each"""
@@ -84,15 +84,9 @@ def measure(port: str, baud: int, values: str, count: int) -> BoardLink:
     except ValueError as fault:
         raise DeviceError(f"{port}: {fault}") from None
     line = Line(address, values, count, baud)
-    line.open()
-    try:
-        if line.ask(ECHO, 0, (0.0,) * count, BOOT_S, BOOT_AGAIN_S) is None:
-            raise DeviceError(f"{address}: no answer within {BOOT_S:g} s; is the board on (docs/device.md)?")
-        rates = tuple(_at(line, count, rate) for rate in RATES)
-    except OSError as error:
-        raise DeviceError(f"{address}: {error.strerror or error}") from None
-    finally:
-        line.close()
+    line.wait(count)
+    rates = tuple(_at(line, count, rate) for rate in RATES)
+    line.close()
     width = WIDTHS[values]
     size = 2 * (line_bytes(count, width) if address.kind == "serial" else HEAD.size + count * width)
     needed = max(at.p99 for at in rates) / PATIENCE

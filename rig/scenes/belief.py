@@ -30,8 +30,10 @@ class Belief(NamedTuple):
     believed: Any
 
 
-def varied(scene: Scene, values: Mapping[str, Any], seed: int | None = None) -> Scene:
+def varied(scene: Scene, values: Mapping[str, Any], seed: int | None = None, by_operator: bool = True) -> Scene:
     """Return `scene` with varied values (SI) of dotted keys, and a seed; see the head of this file for what is told.
+
+    `by_operator`: whether an operator sets set-points; else they are errors of the rig that nobody knows of.
 
     Raises SceneError if it refuses a value.
     """
@@ -40,7 +42,7 @@ def varied(scene: Scene, values: Mapping[str, Any], seed: int | None = None) -> 
         return made
     believed = dict(scene.believed)
     for key in values:
-        if scene.redesign or _is_set_point(scene, key):
+        if scene.redesign or (by_operator and _is_set_point(scene, key)):
             believed.pop(key, None)
         elif not key.startswith("controllers."):
             believed.setdefault(key, _value(scene, key))

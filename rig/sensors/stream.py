@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from rig.machine.board import MOST, Address
+from rig.machine.board import MOST, Address, PortName
 from rig.quantities import PositiveSecond
 from rig.sensors.chain.front_end import FrontEnd
 from rig.sensors.chain.instrument import Instrument
@@ -36,15 +36,10 @@ class Stream(Instrument):
     kind: Literal["stream"] = "stream"
     delivers: str = Field(min_length=1)  # type: ignore[misc]
     reads: str = Field(min_length=1)
-    port: str
+    port: PortName
     channel: int = Field(default=1, ge=AGE, le=MOST)
     baud: int = 115200
     patience: PositiveSecond = 0.05
-
-    @field_validator("port")
-    @classmethod
-    def _is_address(cls, given: str) -> str:
-        return str(Address.read(given))
 
     @model_validator(mode="after")
     def _as_it_is(self) -> Stream:

@@ -4,9 +4,20 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.robust.certificate import PROVED, REFUTED, UNDECIDED, certify
+from rig.analysis.robust.certificate import Examination
 from rig.analysis.robust.growth import Growth
+from rig.analysis.robust.proof import BOXES, PROVED, REFUTED, UNDECIDED, examined
 from rig.analysis.robust.stated import box
+
+
+def certify(matrix, count, *stated, most=BOXES, **more):
+    """What is known of the unit cube of matrix(u [count]), examined in this process."""
+    examination = Examination(matrix, count, *stated, **more)
+
+    def divided(parts, each):
+        return [examination.divided(*part[2:], each) for part in parts]
+
+    return examined(divided, [np.array([np.zeros(count), np.ones(count)])], 0.0, most)
 
 
 def oscillator(damping, stiffness=1.0):
@@ -134,14 +145,11 @@ def test_boxes_are_limited_and_what_is_left_is_said():
     assert 0.0 <= found.share < 1.0
 
 
-def test_suspects_refute_first_and_no_value_is_judged_as_well():
-    rigs = spread([(-0.1, 1.0)], oscillator)
-    found = certify(rigs, 1, suspects=np.array([[0.01]]))
-    assert found.verdict == REFUTED
-    assert found.rig.tolist() == [0.01]
-    assert found.boxes == 0
-    assert certify(lambda u: oscillator(0.1), 0).verdict == PROVED
-    assert certify(lambda u: oscillator(-0.1), 0).verdict == REFUTED
+def test_a_value_without_influence_changes_no_verdict():
+    assert certify(lambda u: oscillator(0.1), 1).verdict == PROVED
+    assert certify(lambda u: oscillator(-0.1), 1).verdict == REFUTED
+    found = certify(spread([(0.0, 1.0), (0.1, 0.3)], lambda _, damping: oscillator(damping)), 2, -0.0499)
+    assert found.verdict == PROVED
 
 
 def test_random_boxes_are_never_judged_wrongly():

@@ -16,8 +16,8 @@ import pytest
 import rig
 from rig import controllers
 from rig.analysis.linear.control_loop import plant, sweep_loop
-from rig.design import numbers
-from rig.design.linearised import sampled
+from rig.design import numbers, sampled_loops
+from rig.design.sampled_loops import ControlLoop, sampled
 from rig.errors import SceneError
 from rig.scenes.axis import Axis
 
@@ -111,6 +111,16 @@ def test_a_loop_decays_in_the_simulation_as_its_eigenvalue_says(name):
     scene = rig.load("belt_normal_force", changes | {"start.displacement": rest + 1e-6, "start.velocity": 0.0})
     found = pole(rig.simulate(scene, 2.0), loop.model.period, 0.5)
     assert found == pytest.approx(fast, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_cut_loop_that_is_closed_is_the_loop_that_is_not_cut(name):
+    scene = rig.load("belt_normal_force", LOOPS[name])
+    section, sensor = scene.controllers["nf"], scene.sensors["vibrometer"]
+    feedback = controllers.build(section, numbers(scene)["nf"])
+    loop = ControlLoop(feedback, sensor.reads, sensor.front_end(), section.delay)
+    whole = sampled_loops.closed(plant(scene), [loop]).matrix
+    assert sampled(plant(scene), loop).closed() == pytest.approx(whole, rel=1e-12, abs=1e-12)
 
 
 def test_the_delay_of_an_ideal_sensor_is_in_the_loop():
@@ -272,7 +282,8 @@ def test_an_observer_of_modes_has_a_loop_too():
     feedback = controllers.build(section, numbers(scene)["nb"])
 
     def growth(late):
-        model = sampled(plant(scene), feedback, sensor.reads, sensor.front_end(), round(1e9 * late))
+        late_loop = ControlLoop(feedback, sensor.reads, sensor.front_end(), round(1e9 * late))
+        model = sampled(plant(scene), late_loop)
         return math.log(np.abs(np.linalg.eigvals(model.closed())).max()) / model.period
 
     margin = found.margins["delay"]

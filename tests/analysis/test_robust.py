@@ -17,7 +17,7 @@ from rig.analysis.robust import design, search
 from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.job import prepared
 from rig.analysis.robust.stated import box
-from rig.analysis.robust.tasks import Region, compute, here
+from rig.analysis.robust.tasks import Computer, Region, here
 from rig.analysis.robust.worst import worst
 from rig.design import numbers
 from rig.design.linearised import arithmetic
@@ -254,6 +254,42 @@ def test_a_ninth_uncertain_value_is_refused():
         box(scene, {}, dict.fromkeys(springs, "+-1 %"))
 
 
+SPRINGS = ("disc_x", "disc_z", "disc_phi", "piston_left", "piston_right", "fingers_left", "fingers_right")
+REFUSED = {
+    "two_dof: nothing is free and nothing is uncertain": ["two_dof"],
+    "has no growth: the surface": ["belt", "--against", "load.force=+-1 %", "-p", "drive.speed=0"],
+    "has no mode in it; the nearest are at": ["two_dof", "--against", "friction.mu=+-2 %", "--band", "10 Hz:20 Hz"],
+    "whole frames of 1 ms": ["belt_normal_force", "--against", "controllers.nf.delay=0 ms:2.5 ms"],
+    "over spring_1.damping: is stated as one value as well": [
+        *("two_dof", "--against", "friction.mu=+-2 %", "--over", "spring_1.damping=0 N*s/m:1 N*s/m"),
+        *("-p", "spring_1.damping=0.3 N*s/m"),
+    ],
+    "9 uncertain values, and at most 8": [
+        *("brake", "--against", "friction.mu=+-1 %", "--against", "load.force=+-1 %"),
+        *(f"--against=springs.{name}.stiffness=+-1 %" for name in SPRINGS),
+    ],
+}
+
+
+@pytest.mark.parametrize("told", REFUSED)
+def test_the_command_refuses_before_it_searches(tmp_path, monkeypatch, rig, told):
+    monkeypatch.chdir(tmp_path)
+    code, _, printed = rig("optimise", *REFUSED[told], "--minimise", MODES, "--workers", "1")
+    assert code == 2
+    assert told in " ".join(printed.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mode_that_limits_every_design_and_moves_with_none_is_named(tmp_path, small):
+    """Beside a mass with an absorber, another mass decays with 0.02 1/s at 3 rad/s, whatever is designed."""
+    (tmp_path / "aside.toml").write_text(absorber(0.05, 0.02))
+    over = {"factors.f2": (0.25, 2.25), "factors.fz": (0.0, 0.6)}
+    found = designed(tmp_path, tmp_path / "aside.toml", over, against={"factors.k": "+-10 %"})
+    assert found.found.stuck == pytest.approx(3.0 / (2.0 * math.pi), abs=1e-3)
+    assert found.worst == pytest.approx(-0.02, abs=1e-9)
+    assert "limits every design, and no free value moves it: --band leaves it out" in found.text()
+
+
 def test_a_band_without_modes_names_those_that_are_near(tmp_path):
     with pytest.raises(UsageError, match=r"has no mode in it; the nearest are at .*1\."):
         designed(tmp_path, "two_dof", None, against=CONTACT, band="10 Hz:20 Hz")
@@ -288,6 +324,28 @@ def test_distributions_state_the_box_by_quantiles_and_the_audit_by_draws():
     assert values.std() == pytest.approx(0.02, rel=0.05)
     assert draws.min() >= 0.0
     assert draws.max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "stated", "ends", "text"),
+    [
+        ("two_dof", "friction.mu", ("-1 %", "3 %"), (0.396, 0.412), "-1 to 3 %"),
+        ("two_dof", "friction.mu", "+-0.01", (0.39, 0.41), "0.39 to 0.41"),
+        ("belt", "drive.speed", "54 mm/s:0.066 m/s", (0.054, 0.066), "0.054 m/s to 0.066 m/s"),
+        ("brake_shunt", "shunt.delta", "-5 %:10 %", (-0.55, -0.475), "-5 to 10 %"),
+        ("belt_normal_force", "controllers.nf.delay", "normal(10 ms, 2 ms)", (0.004, 0.016), "normal(10 ms, 2 ms)"),
+    ],
+)
+def test_ranges_as_they_are_stated(scene, key, stated, ends, text):
+    (value,) = box(lab.load(scene), {}, {key: stated}).uncertain
+    assert value.axis.values == pytest.approx(ends)
+    assert value.text() == text
+    assert value.step == (0.001 if key.endswith("delay") else 0.0)
+
+
+def test_the_tolerance_of_a_free_number_has_no_unit():
+    (value,) = box(lab.load("brake_shunt"), {"shunt.delta": "-0.85:-0.2"}, {"shunt.delta": "+-0.01"}).uncertain
+    assert value.text() == "+-0.01"
 
 
 def test_a_tolerance_is_the_largest_range_that_is_held(tmp_path, small):
@@ -329,14 +387,15 @@ def test_an_interrupted_design_goes_on_from_its_folder(tmp_path, small, monkeypa
     job = prepared(lab.load("two_dof"), DAMPERS, CONTACT, MODES, limit=LIMIT)
     whole = search.find(job, tmp_path / "whole", 1)[0]
     calls = []
+    compute = Computer.__call__
 
-    def counted(growth, limits, given):
+    def counted(computer, given):
         calls.append(given)
         if len(calls) == 20:
             raise KeyboardInterrupt
-        return compute(growth, limits, given)
+        return compute(computer, given)
 
-    monkeypatch.setattr("rig.analysis.robust.job.compute", counted)
+    monkeypatch.setattr(Computer, "__call__", counted)
     with pytest.raises(KeyboardInterrupt):
         search.find(job, tmp_path / "parts", 1)
     before = len(calls)
@@ -362,6 +421,15 @@ def test_the_command_writes_table_figure_and_scene(tmp_path, small, monkeypatch,
     assert scene.origins["spring_1.damping"].origin == "designed"
     assert "tolerance +-1 %" in scene.origins["spring_1.damping"].note
     assert scene.values()["contact.stiffness"][0] == 45.0
+    note = scene.origins["spring_2.damping"].note
+    facts = json.loads(rig(*words, "--force", "--json")[1])
+    nominal = facts["designs"][0]["growth of the nominal rig"]
+    assert (
+        f"nominal rig {nominal:.5g} 1/s, of the worst one {facts['worst']:.5g} 1/s; 0 of 300 random rigs grow" in note
+    )
+    code, explained, told = rig("explain", "mine.toml")
+    assert code == 0, told
+    assert " ".join(note.split()) in " ".join(explained.split())
     assert lab.modes(scene).sliding.modes[0].growth < 0.0
 
 

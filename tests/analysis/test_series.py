@@ -87,6 +87,42 @@ def test_a_shunt_of_a_coarse_series_that_cannot_hold_is_said(tmp_path, small):
         )
 
 
+FALLING = """format = 1
+based_on = "belt_shunt"
+[friction]
+law = "stribeck"
+mu_static = ["0.5", "chosen"]
+mu_dynamic = ["0.18", "chosen"]
+mu_kinetic = "none"
+speed_scale = ["0.05 m/s", "chosen"]
+"""
+
+
+@pytest.mark.slow
+def test_where_no_values_of_a_series_hold_that_is_the_result(tmp_path, small):
+    """Friction that falls: the best shunt of any values just decays, and each of E6 around it grows."""
+    (tmp_path / "falling.toml").write_text(FALLING)
+    scene = lab.load(tmp_path / "falling.toml")
+    over = {"shunt.resistance": "300 ohm:10 kohm", "shunt.inductance": "20 H:200 H"}
+    asked = {"against": {"friction.mu_static": "+-1 %"}, "series": "E6", "out": tmp_path, "workers": 1}
+    found = lab.optimise(scene, over, "modes.growth", **asked)
+    rounded = found.to_json()["series"]
+    assert rounded["worst_before"] < 0.0 < rounded["worst"] == found.worst
+    assert not rounded["holds"]
+    assert "no values of series E6 near the design hold: of 16 combinations the best is this one" in found.text()
+    for values in itertools.product(*(near(rounded["before"][key], "E6") for key in over)):
+        other = scene.with_values({**dict(zip(over, values)), "friction.mu_static": 0.505})
+        assert lab.modes(other).sliding.modes[0].growth >= found.worst - 1e-9
+
+
+def test_a_series_is_not_for_a_tolerance():
+    scene = lab.load("brake_shunt", {"shunt.connected": True})
+    with pytest.raises(UsageError, match="state the tolerance with --against and minimise the growth"):
+        prepared(
+            scene, {"shunt.resistance": "15 ohm:150 ohm"}, {"friction.mu": "+-1 %"}, maximise="tolerance", series="E96"
+        )
+
+
 @pytest.mark.slow
 def test_a_rounded_shunt_is_the_best_of_those_near_the_design(tmp_path, small):
     over = {"shunt.resistance": "15 ohm:150 ohm", "shunt.inductance": "20 mH:50 mH"}

@@ -13,6 +13,7 @@ from rig.bench.live import supervise
 from rig.bench.live.outcome import keeps_up
 from rig.bench.live.plant_process import warm
 from rig.bench.run.simulate import simulate
+from rig.cli import printing
 from rig.errors import DeviceError, ExitCode, UsageError
 
 BASE = "belt_normal_force"
@@ -96,6 +97,40 @@ def test_a_paced_run_goes_on_without_its_board_and_with_it_again(runs):
     assert verify(runs / "log.mcap").passed
 
 
+@pytest.mark.alone
+@pytest.mark.parametrize(("kind", "most_s"), [("udp", 0.05), ("serial", 0.5)])
+def test_a_board_is_in_force_again_soon_after_its_return(kind, most_s, runs, tmp_path):
+    scene, law = on_board(
+        BASE, free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}", changes=SOON, baud=921600
+    )
+    with standing_in(scene.controllers["nf"].port, law) as board:
+        left_ns = returned_ns = 0
+
+        def leave():
+            nonlocal left_ns, returned_ns
+            while board.steps < 500:
+                time.sleep(0.01)
+            board.gone.set()
+            time.sleep(1.0)
+            at, left_ns = board.last
+            returned_ns = left_ns + 1e9 * (time.perf_counter() - at)
+            board.gone.clear()
+
+        thread = threading.Thread(target=leave)
+        outcome = supervise.run(scene, duration=2.5, out=runs / "log.mcap", begun=lambda name: thread.start())
+        thread.join()
+    times = {}
+    for event in rig.open(runs / "log.mcap").events:
+        if event["t_ns"] >= left_ns:
+            times.setdefault(event["kind"], event["t_ns"])
+    hold_ns = scene.clock.hold_frames * scene.frame_ns
+    assert left_ns <= times["device lost"] < returned_ns
+    assert left_ns + hold_ns <= times["safe"] <= left_ns + hold_ns + 20e6
+    assert times["back"] - returned_ns <= 1e9 * most_s
+    assert outcome.summary["verdict"] != "VALID"
+    assert verify(runs / "log.mcap").passed
+
+
 def test_a_run_does_not_begin_without_its_board(runs):
     scene, _ = on_board(BASE, free_port())
     told = []
@@ -105,7 +140,7 @@ def test_a_run_does_not_begin_without_its_board(runs):
     assert "the plant continues" not in str(told)
 
 
-def test_what_a_port_cannot_carry_is_refused_before_the_run(tmp_path):
+def test_what_a_port_cannot_carry_is_refused_before_the_run(tmp_path, capsys):
     absent, _ = on_board(BASE, f"serial:{tmp_path / 'ttyUSB0'}")
     with pytest.raises(DeviceError, match="ttyUSB0: there is no such port"):
         keeps_up(absent, None)
@@ -116,7 +151,12 @@ def test_what_a_port_cannot_carry_is_refused_before_the_run(tmp_path):
     slow, _ = on_board(BASE, f"serial:{tmp_path / 'ttyUSB0'}", period="10 ms")
     keeps_up(slow, 1.0)
     (tmp_path / "ttyACM0").touch()
-    keeps_up(on_board(BASE, f"serial:{tmp_path / 'ttyACM0'}")[0], 1.0)
+    by_usb, _ = on_board(BASE, f"serial:{tmp_path / 'ttyACM0'}")
+    keeps_up(by_usb, 1.0)
+    printing.run_warnings(by_usb, 1.0)
+    told = capsys.readouterr().err
+    assert "115200 baud carry 11.52 bytes in a period of 1 ms; needed: 600000 baud" in told
+    assert "a USB port without a UART (CDC) ignores the rate, rig tool device measures it" in told
 
 
 def as_uart(answer):

@@ -9,7 +9,7 @@ from math import nan, sin
 
 import numpy as np
 import pytest
-from boards import Sender, free_port, measured, streaming
+from boards import Sender, free_port, in_c, measured, program, streaming
 
 import rig
 from rig import scenes
@@ -44,6 +44,12 @@ def roller(port, **keys):
     return {f"sensors.roller.{key}": value for key, value in table.items()}
 
 
+def two_rollers(port):
+    """Changes of a scene that give it two streams of one port."""
+    second = {key.replace("roller", "second"): value for key, value in roller(port).items()}
+    return roller(port) | second | {"sensors.second.channel": 2}
+
+
 def following(folder, port, seconds=2.0):
     (folder / "real.toml").write_text(FOLLOW.format(port=port, time=f"{seconds} s"))
     return folder / "real.toml"
@@ -62,12 +68,7 @@ def port_of(kind, tmp_path):
 @pytest.mark.parametrize("kind", ["udp", "serial"])
 def test_the_newest_values_are_the_samples_and_come_again_bit_by_bit(kind, tmp_path):
     port = port_of(kind, tmp_path)
-    scene = scenes.load(
-        "belt",
-        roller(port)
-        | {k.replace("roller", "second"): v for k, v in roller(port).items()}
-        | {"sensors.second.channel": 2},
-    )
+    scene = scenes.load("belt", two_rollers(port))
     sender = Sender(port)
     runner, journal, ports = taking(scene)
     expected = []
@@ -96,6 +97,24 @@ def test_the_newest_values_are_the_samples_and_come_again_bit_by_bit(kind, tmp_p
         assert each.v.tobytes() == samples[name].v.tobytes(), name
     ports.close()
     sender.close()
+
+
+@pytest.mark.parametrize("kind", ["udp", "serial"])
+def test_the_frames_in_c_are_read(kind, tmp_path):
+    port = port_of(kind, tmp_path)
+    scene = scenes.load("belt", two_rollers(port))
+    with program(in_c(tmp_path, "measured_on_host.c"), kind, port.rpartition(":")[2]):
+        _, _, ports = taking(scene)
+        (stream,) = ports.ports
+        read = set()
+        while len(read) < 100:
+            stream.receive(0.5)
+            read.add(stream.values)
+        ports.close()
+    read.discard(())
+    assert all(v == -1e3 / round(1e3 * t) and t == 1e-3 * round(1e3 * t) for t, v in read)
+    assert stream.counts["damaged"] <= 1  # the port was opened within a frame
+    assert stream.counts["other"] == stream.counts["unfit"] == 0
 
 
 def test_what_is_wrong_is_counted_and_not_used():
@@ -210,7 +229,7 @@ def test_a_silent_board_is_told_before_the_run(monkeypatch):
     _, _, ports = taking(scene)
     sender.send(b"hello")
     with pytest.raises(
-        DeviceError, match=r"no values within 0\.1 s; received so far: 1 damaged frames; is the board on"
+        DeviceError, match=r"no values within 0\.1 s; received so far: 1 damaged frame; is the board on"
     ):
         ports.wait(lambda: False)
     ports.close()

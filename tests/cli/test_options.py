@@ -33,6 +33,14 @@ def test_what_a_function_of_rig_states_is_an_option_of_its_command():
             assert option.option.help in (helps[one], "Name of a shipped scene (see rig list), or a TOML file."), name
 
 
+def test_no_word_of_a_help_in_brackets_is_taken_for_a_style():
+    from rich.text import Text
+
+    for name, command in every().items():
+        for words in filter(None, (command.help, command.epilog, *(option.help for option in command.params))):
+            assert Text.from_markup(words).plain == words, name
+
+
 def twice(
     length: Annotated[float | None, Option("TIME", "A length of time.")] = 2.0,
     names: Annotated[list[str] | None, Option("NAMES", "Names, separated by commas.")] = None,

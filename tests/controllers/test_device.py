@@ -155,6 +155,12 @@ def test_the_program_in_c_gives_the_same_bits(kind, shipped, tmp_path):
         same(simulate(scene, boards=True, duration_ns=20 * 10**9), shipped("belt_normal_force", 20))
 
 
+def test_the_sketch_gives_the_same_bits(shipped, tmp_path):
+    scene, _ = on_board("belt_normal_force", port_of("serial", tmp_path))
+    with program(in_c(tmp_path, "arduino_on_host.cpp"), "serial", tmp_path / "board"):
+        same(simulate(scene, boards=True, duration_ns=5 * 10**9), shipped("belt_normal_force", 5))
+
+
 def test_the_program_in_python_gives_the_same_bits(shipped):
     port = free_port()
     scene, _ = on_board("belt_normal_force", port)
@@ -222,7 +228,7 @@ def test_a_board_without_an_answer_ends_the_run_with_all_that_was_computed():
 
 
 def test_a_silent_board_is_told_before_the_run(monkeypatch):
-    monkeypatch.setattr(device, "BOOT_S", 0.2)
+    monkeypatch.setattr("rig.machine.board.BOOT_S", 0.2)
     scene, _ = on_board("belt_normal_force", free_port())
     with pytest.raises(DeviceError, match=r"no answer within 0\.2 s; is the board on"):
         rig.simulate(scene, 1.0)

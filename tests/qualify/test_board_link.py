@@ -58,7 +58,7 @@ def test_answers_that_never_come_are_missed_and_a_timer_is_told(tmp_path, monkey
 
 
 def test_a_silent_or_wrong_port_is_refused(monkeypatch):
-    monkeypatch.setattr(board_link, "BOOT_S", 0.1)
+    monkeypatch.setattr("rig.machine.board.BOOT_S", 0.1)
     with pytest.raises(DeviceError, match="no answer within"):
         measure(free_port(), 115200, "float64", 1)
     with pytest.raises(DeviceError, match="COM3: expected"):

@@ -206,7 +206,7 @@ FAULTS = [
         {},
         [
             "row 3: 2 values, the other rows have 3",
-            "row 4: column v: 'x' is not a number",
+            "row 4, column v: 'x' is not a number",
             "row 5: 1 value, the other rows have 3; with ';'",
             "row 7: 2 values",
             "the file ends in the middle of it",

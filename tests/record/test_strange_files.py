@@ -307,7 +307,7 @@ KINDS = {
     ),
     "slashes of an open order, two days.csv": Kind(
         lines("t;v [m/s]", "03/04/2024 23:59:59;1", "04/04/2024 00:00:00;2"),
-        refused=("row 3: column t", "may have the day or the month first; write dates as 2024-01-31"),
+        refused=("row 3, column t", "may have the day or the month first; write dates as 2024-01-31"),
     ),
     "months by name.csv": Kind(
         lines("t,v [m/s]", *rows(lambda t, v, n: f"{clock(t, '{date} {clock}', '01-Mar-2024')},{v}")),
@@ -344,15 +344,15 @@ KINDS = {
     ),
     "a word in the first row.csv": Kind(
         lines("t [s],v [m/s],w", "0,overload,1", *(f"{t},{t},2" for t in range(1, 30))),
-        refused=("row 2: column v: 'overload' is not a number",),
+        refused=("row 2, column v: 'overload' is not a number",),
     ),
     "no time in a row.csv": Kind(
         lines("t [s],v [m/s]", "0,1", ",2", "2,3", "nan,4", "4,5"),
-        refused=("row 3, column t: there is no time", "row 5, column t: there is no time", "--skip-missing"),
+        refused=("row 3 (and 5), column t: there is no time", "--skip-missing", "--rate RATE"),
     ),
     "no time at both ends.csv": Kind(
         lines("t [s],v [m/s]", ",1", "0,2", "1,3", ",4"),
-        refused=("row 2, column t: there is no time", "row 5, column t: there is no time"),
+        refused=("row 2 (and 5), column t: there is no time",),
     ),
     "no time at both ends, left out.csv": Kind(
         lines("t [s],v [m/s]", ",1", "0,2", "1,3", "2,", "3,5", "nan,4"),
@@ -396,7 +396,7 @@ KINDS = {
     "times beyond the clock.csv": Kind(
         lines("t,v [m/s]", "1709287200000,1", "1709287200001,2"),
         time="t, s",
-        refused=("row 2, column t: the time 1.7092872e+12 s lies beyond 9e+09 s; state its unit",),
+        refused=("row 2 (and 3), column t: the time 1.7092872e+12 s lies beyond 9e+09 s; state its unit",),
     ),
     "times of an epoch in ms.csv": Kind(
         lines("t,v [m/s]", "1709287200000,1", "1709287200500,2"),
@@ -520,7 +520,7 @@ KINDS = {
         lambda path: scipy_io.savemat(path, {"t": with_gap(T, 0, 7, 199), "v": V}),
         ["v = v, m/s"],
         "t, s",
-        refused=tuple(f"row {i}, column t: there is no time" for i in (1, 8, 200)),
+        refused=("row 1 (and 8, 200), column t: there is no time",),
     ),
     "no time in MATLAB, left out.mat": Kind(
         lambda path: scipy_io.savemat(path, {"t": with_gap(T, 0, 7, 199), "v": V}),
@@ -552,17 +552,29 @@ KINDS = {
     ),
     "a day that no month has.csv": Kind(
         lines("t,v [m/s]", "32.01.2024 10:00:00,1", "01.02.2024 10:00:01,2", "01.02.2024 10:61:00,3"),
-        refused=("row 2: column t: '32.01.2024 10:00:00' is not", "row 4: column t: '01.02.2024 10:61:00' is not"),
+        refused=("row 2 (and 4), column t: '32.01.2024 10:00:00' is not a time of day",),
+    ),
+    "minutes and seconds.csv": Kind(
+        lines("t,v [m/s]", "00:00,1", "00:01,2", "00:02,3"),
+        refused=("row 2 (and 3, 4), column t: '00:00' may be hours and minutes or minutes and seconds",),
+        in_one_line=True,
+    ),
+    "hours and minutes beside a date.csv": Kind(
+        lines("Date,Time,v [m/s]", "2024-03-01,10:00,1", "2024-03-01,10:01,2"),
+        time="Time",
+        becomes={"v": ("m/s", [1.0, 2.0])},
+        t=[0.0, 60.0],
     ),
     "infinite.csv": Kind(
         lines("t [s],v [m/s]", "0,1", "", "1,1e400", "2,inf"),
-        refused=("row 4, column v: the value is infinite", "row 5, column v: the value is infinite"),
+        refused=("row 4 (and 5), column v: the value is infinite",),
     ),
     "quotes that do not end.csv": Kind(
         lines("t [s],v [m/s]", '0,"1', "1,2", "2,3"), refused=("In CSV column #1: Row #2",)
     ),
     "the end of time.csv": Kind(
-        lines("t [s],v [m/s]", "-1e300,1", "1e300,2"), refused=("row 2, column t: the time -1e+300 s lies beyond",)
+        lines("t [s],v [m/s]", "-1e300,1", "1e300,2"),
+        refused=("row 2 (and 3), column t: the time -1e+300 s lies beyond",),
     ),
     "g by its label.uff": Kind(
         lambda path: uff(path, "g"),
@@ -683,7 +695,7 @@ KINDS |= {
     "no date beside a time of day.csv": Kind(
         lines("Date,Time,v [m/s]", "31/12/2024,11:59:59 PM,1", ",12:00:00 AM,2", "01/01/2025,12:00:01 AM,3"),
         time="Time",
-        refused=("row 3: column Time: '12:00:00 AM' has no date beside it",),
+        refused=("row 3, column Time: '12:00:00 AM' has no date beside it",),
         in_one_line=True,
     ),
     "past midnight.csv": Kind(
@@ -706,7 +718,7 @@ KINDS |= {
         lines("Time,Channel A", "(ms),(V)", "", *(f"{i},{'∞' if i == 9 else v}" for i, v in enumerate(V))),
         ["Channel A = v, 1 m/s/V"],
         "Time",
-        refused=("row 13: column Channel A: '∞' is not a number",),
+        refused=("row 13, column Channel A: '∞' is not a number",),
         in_one_line=True,
     ),
     "two decimal marks.csv": Kind(
@@ -723,7 +735,7 @@ KINDS |= {
     ),
     "overload of an instrument.csv": Kind(
         lines("t [s],v [m/s]", "0,1", "1,+9.9E+37", "2,+9.91E+37"),
-        refused=("row 3, column v: the value is infinite", "row 4, column v: the value is infinite"),
+        refused=("row 3 (and 4), column v: the value is infinite",),
     ),
     "an abscissa in ms.uff": Kind(
         lambda path: uff(path, "m/s", abscissa_inc=1.0, x=1e3 * T, abscissa_axis_units_lab="ms"), time=""
@@ -796,3 +808,78 @@ def test_a_number_in_doubt_is_read_in_both_ways_that_are_named(tmp_path, written
     path.write_text(path.read_text().replace("1.010", written))
     import_files([path], tmp_path / "x.mcap", ChannelMap.of_texts(["n = n"], "t"))
     assert lab.open(tmp_path / "x.mcap").measurements["n"].v.tolist() == [5.0, value, 7.0]
+
+
+def parquet_of(**columns):
+    def write(path):
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        parquet.write_table(pa.table(columns), path)
+
+    return write
+
+
+NONE = np.full(T.size, np.nan)
+IN_EVERY_ROW = {
+    "words.csv": (
+        lines("t [s],v [m/s]", *(f"{t},{t if t < 0.15 else 'x'}" for t in T)),
+        "row 152 (and 49 further rows, the last 201), column v: 'x' is not a number; correct these cells",
+    ),
+    "short rows.csv": (
+        lines("t [s],v [m/s]", *(f"{t},1" if t < 0.15 else f"{t}" for t in T)),
+        "row 152 (and 49 further rows, the last 201): 1 value, the other rows have 2",
+    ),
+    "values.csv": (
+        lines("t [s],v [m/s]", *(f"{t},{1 if t < 0.15 else ''}" for t in T)),
+        "row 152 (and 49 further rows, the last 201), column v: there is no value; --skip-missing leaves them out",
+    ),
+    "times.csv": (
+        lines("t [s],v [m/s]", *(f"7,{v}" for v in V)),
+        "row 3 (and 198 further rows, the last 201), column t: the time 7 s is that of the row before; --rate RATE",
+    ),
+    "clocks.csv": (
+        lines("t,v [m/s]", *(f"10:00:{'00' if t < 0.15 else '99'}.{1000 * t:03.0f},1" for t in T)),
+        "row 152 (and 49 further rows, the last 201), column t: '10:00:99.150' is not a time of day; --rate RATE",
+    ),
+    "values.h5": (
+        lambda path: hdf5(path, t=(T, "s"), v=(NONE, "m/s")),
+        "row 1 (and 199 further rows, the last 200), column v: there is no value; --skip-missing leaves them out",
+    ),
+    "times.parquet": (
+        parquet_of(t=T[::-1], v=V),
+        "row 2 (and 198 further rows, the last 200), column t: the time 0.198 s falls; --rate RATE",
+    ),
+    "values.mat": (
+        lambda path: scipy_io.savemat(path, {"t": T, "v": NONE}),
+        "row 1 (and 199 further rows, the last 200), column v: there is no value; --skip-missing leaves them out",
+    ),
+    "times.nc": (
+        lambda path: netcdf(path, np.where(T < 0.1, np.nan, T)),
+        "row 1 (and 99 further rows, the last 100), column t: there is no time; --skip-missing leaves them out",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IN_EVERY_ROW)
+def test_a_fault_that_many_rows_have_is_told_once_with_what_helps(tmp_path, name):
+    write, told = IN_EVERY_ROW[name]
+    path = tmp_path / name
+    write(path)
+    with pytest.raises(UsageError) as caught:
+        import_files([path], tmp_path / "made.mcap", ChannelMap.of_texts(["v = v, m/s"], "t, s"))
+    assert str(caught.value).startswith(f"{path}: {told}")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_columns_with_the_same_fault_in_the_same_rows_share_a_line(tmp_path):
+    path = tmp_path / "wide.csv"
+    rows_of = (f"{t},{value},{value},\n" for t, value in zip(T, np.where(T < 0.1, "1", "")))
+    path.write_text("t [s],a [V],b [V],c [V]\n" + "".join(rows_of))
+    with pytest.raises(UsageError) as caught:
+        import_files([path], tmp_path / "made.mcap", ChannelMap.of_texts(["a = a", "b = b", "c = c"], "t"))
+    assert str(caught.value).splitlines() == [
+        f"{path}: row 2 (and 199 further rows, the last 201), column c: there is no value",
+        f"{path}: row 102 (and 99 further rows, the last 201), column a (and 1 further column): there is no value",
+        "--skip-missing leaves them out",
+    ]

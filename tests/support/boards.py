@@ -8,13 +8,13 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from rig import controllers, design, scenes
-from rig.controllers.runtime.stand_in import Board, serve_serial, serve_udp
+from rig.controllers.runtime.stand_in import LOOK_S, Board, board_end
 from rig.machine.board import MEASURED, Address, Frame, stuffed
 
 ROOT = Path(__file__).parents[2]
@@ -79,42 +79,75 @@ def on_board(base, port, name="nf", changes=None, **keys):
     return made, controllers.restored(design.described(given)[name])
 
 
-@contextmanager
-def standing_in(port, controller, fault=None, every=50, reset_every=0):
-    """A board at `port` with the law of `controller`, of which every 50th answer has a `fault`.
+class Disturbed(Board):
+    """A board whose answers may have a `fault`, each of number `every`; it answers nothing while `away` is set.
 
-    It answers nothing while its event `away` is set.
+    Its end of the port is gone while `gone` is set. It forgets everything at each frame of number `reset_every`, as
+    after a loss of power.
     """
-    board = Board(controller)
-    board.away = threading.Event()
-    address = Address.read(port)
-    over = threading.Event()
-    count = [0]
 
-    def answer(data):
-        if board.away.is_set():
+    def __init__(self, controller, fault, every, reset_every):
+        super().__init__(controller)
+        self.away = threading.Event()
+        self.gone = threading.Event()
+        self.steps = 0
+        """Number of times that the law was called."""
+        self.last = 0.0, 0
+        """Clock [s] and simulated time [ns] of the last step."""
+        self._fault = fault
+        self._every = every
+        self._reset_every = reset_every
+        self._count = 0
+
+    def _stepped(self, frame):
+        stepped = super()._stepped(frame)
+        self.steps += self._started
+        self.last = time.perf_counter(), frame.t_ns
+        return stepped
+
+    def sent(self, data, serial):
+        """What leaves the board for a frame: bytes of a serial port, or datagrams."""
+        if self.away.is_set():
             return []
-        count[0] += 1
-        if reset_every and count[0] % reset_every == 0:
-            board.reset()
-        said = board.answer(data)
+        self._count += 1
+        if self._reset_every and self._count % self._reset_every == 0:
+            self._started = False
+            self._last = Frame(0, 0, -1, ())
+        said = self.answer(data)
         if not said:
             return []
-        hit = fault is not None and count[0] % every == 0
-        if hit and fault == "other":
+        hit = self._fault is not None and self._count % self._every == 0
+        if hit and self._fault == "other":
             frame = Frame.from_bytes(said)
             said = frame._replace(sequence=frame.sequence ^ 1).to_bytes()
-        sent = said if address.kind == "udp" else stuffed(said)
-        return FAULTS[fault](sent) if hit and fault in FAULTS else [sent]
+        sent = stuffed(said) if serial else said
+        return FAULTS[self._fault](sent) if hit and self._fault in FAULTS else [sent]
 
-    if address.kind == "udp":
-        serve, where = serve_udp, address.number
-    else:
-        serve, where = serve_serial, Path(address.where)
-    thread = threading.Thread(target=serve, args=(where, answer, over.is_set), daemon=True)
+
+@contextmanager
+def standing_in(port, controller, fault=None, every=50, reset_every=0):
+    """A `Disturbed` board at `port` with the law of `controller`, in a thread."""
+    board = Disturbed(controller, fault, every, reset_every)
+    address = Address.read(port)
+    serial = address.kind == "serial"
+    ready = threading.Event()
+    over = threading.Event()
+
+    def work():
+        while not over.is_set():
+            with board_end(address) as end:
+                ready.set()
+                while not (over.is_set() or board.gone.is_set()):
+                    with suppress(ConnectionError):  # whoever asked has left
+                        for data in end.receive(LOOK_S):
+                            for sent in board.sent(data, serial):
+                                end.write(sent) if serial else end.send(sent)
+            while board.gone.is_set():
+                time.sleep(0.001)
+
+    thread = threading.Thread(target=work, daemon=True)
     thread.start()
-    while address.kind == "serial" and not Path(address.where).exists():
-        time.sleep(0.01)
+    assert ready.wait(5.0)
     try:
         yield board
     finally:
@@ -122,15 +155,17 @@ def standing_in(port, controller, fault=None, every=50, reset_every=0):
         thread.join()
 
 
-def in_c(folder, law="normal_force.c", *options):
-    """The program of a board in C, compiled for this computer."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed: the C program of a board is not tested")
-    made = folder / "board"
-    warned = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-ffp-contract=off", "-O2"]
-    where = ["-I", str(ROOT / "docs" / "device"), f'-DLAW="{law}"']
-    source = str(ROOT / "tests" / "support" / "board_on_host.c")
-    subprocess.run(["gcc", *warned, *where, *options, source, "-o", str(made)], check=True, timeout=60)
+def in_c(folder, source="board_on_host.c", law="normal_force.c"):
+    """A program of a board in C or C++, compiled for this computer."""
+    compiler, standard = ("g++", "gnu++11") if source.endswith(".cpp") else ("gcc", "gnu11")
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed: the program of a board is not tested")
+    made = folder / "program"
+    shutil.copy(ROOT / "docs" / "device" / "normal_force.c", folder / "normal_force.h")  # as the sketch wants it
+    warned = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-ffp-contract=off", "-O2", f"-std={standard}"]
+    where = ["-I", str(ROOT / "docs" / "device"), "-I", str(folder), f'-DLAW="{law}"']
+    file = str(ROOT / "tests" / "support" / source)
+    subprocess.run([compiler, *warned, *where, file, "-o", str(made)], check=True, timeout=60)
     return made
 
 

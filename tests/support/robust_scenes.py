@@ -49,16 +49,25 @@ def three_pairs():
     return "\n".join([*lines, ""])
 
 
-def absorber(ratio):
+def absorber(ratio, aside=0.0):
     """An undamped mass of 1 kg at 1 rad/s with an absorber of `ratio` kg: factors.f2 and factors.fz are the square of
-    its frequency and frequency times damping ratio; factors.k the stiffness of the mass.
+    its frequency and frequency times damping ratio; factors.k the stiffness of the mass. Another mass, at 3 rad/s,
+    decays beside them with the rate `aside`.
     """
-    apart = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    lines = _head("A mass with an absorber", ["body", "absorber"])
-    lines += _part("M", "mass", np.diag([1.0, ratio]))
-    lines += _part("K", "stiffness", np.diag([1.0, 0.0]), "factors.k")
-    lines += _part("KA", "stiffness", ratio * apart, "factors.f2")
-    lines += _part("DA", "damping", 2.0 * ratio * apart, "factors.fz")
+    apart = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    count = 3 if aside else 2
+    lines = _head("A mass with an absorber", ["body", "absorber", "aside"][:count])
+    parts = {
+        "M": ("mass", np.diag([1.0, ratio, 1.0]), ""),
+        "K": ("stiffness", np.diag([1.0, 0.0, 0.0]), "factors.k"),
+        "KA": ("stiffness", ratio * apart, "factors.f2"),
+        "DA": ("damping", 2.0 * ratio * apart, "factors.fz"),
+    }
+    if aside:
+        parts["KO"] = "stiffness", np.diag([0.0, 0.0, 9.0]), ""
+        parts["DO"] = "damping", np.diag([0.0, 0.0, 2.0 * aside]), ""
+    for name, (of, matrix, times) in parts.items():
+        lines += _part(name, of, matrix[:count, :count], times)
     lines += ["[factors]", 'k = [1.0, "chosen"]', 'f2 = [1.0, "chosen"]', 'fz = [0.1, "chosen"]']
     lines += ["[clock]", 'frame = ["0.001 s", "chosen"]']
     return "\n".join([*lines, ""])

@@ -526,19 +526,27 @@ def _between(number: float, ends: tuple[float, float], within: float) -> bool:
 def _point(at: Place) -> Point:
     """The point of a place."""
     rig = at.rig
-    (values,) = at.run.values
+    low, high = _extremes(at)
     stick = sum(part.end - part.begin for part in at.run.intervals(rig.step, at.period) if rig.stuck(part.key))
+    of_motion, accuracy = at.known_multipliers()
     return Point(
         at.p,
-        low=-_highest(-values, rig.step, at.period),
-        high=_highest(values, rig.step, at.period),
+        low=low,
+        high=high,
         stable=not at.unstable,
         period=at.period,
         stick=stick / at.period,
-        multipliers=at.multipliers[0],
+        multipliers=of_motion,
+        multiplier_accuracy=accuracy,
         residual=missed(at),
         state=dict(zip(rig.system.names, at.map.state(at.u).tolist())),
     )
+
+
+def _extremes(at: Place) -> tuple[float, float]:
+    """The lowest and the highest value of the output in a period."""
+    (values,) = at.run.values
+    return -_highest(-values, at.rig.step, at.period), _highest(values, at.rig.step, at.period)
 
 
 def _highest(values: Array, step: float, period: float) -> float:
@@ -556,14 +564,14 @@ def _highest(values: Array, step: float, period: float) -> float:
 
 
 def _special(special: Special) -> SpecialPoint:
-    point = _point(special.at)
+    low, high = _extremes(special.at)
     return SpecialPoint(
         kind=special.kind,
         value=special.p,
         accuracy=special.accuracy,
-        low=point.low,
-        high=point.high,
-        period=point.period,
+        low=low,
+        high=high,
+        period=special.at.period,
         contact=special.contact,
         turns=special.turns,
         why=special.why,

@@ -40,8 +40,11 @@ class Point:
 
     `low`, `high`: of the output in a period; at rest in stick the ends of the interval. `period` [s]: NaN for an
     equilibrium. `stick`: share of the period in which a contact sticks. `multipliers`: Floquet multipliers without
-    that of the shift; of an equilibrium its eigenvalues [1/s]. `residual`: by how much the motion misses its start,
-    over the range of each state; `state`: by name.
+    that of the shift, with their accuracy, relative to the larger of 1 and each; of an equilibrium its eigenvalues
+    [1/s]. `residual`: by how much the motion misses its start, over the range of each state; `state`: by name.
+
+    Multipliers are those of the motion through `state`. Beside a canard, motions whose parameters agree to all digits
+    have others.
     """
 
     value: float
@@ -51,6 +54,7 @@ class Point:
     period: float = math.nan
     stick: float = 0.0
     multipliers: tuple[complex, ...] = ()
+    multiplier_accuracy: float = math.nan
     residual: float = 0.0
     state: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
 
@@ -198,6 +202,9 @@ class Branches(Result):
         yield Table("branches", columns, rows)
         worst = max((point.residual for *_, point in self.points()), default=0.0)
         yield f"\n  largest residual of a return map: {worst:.1e} of the range of each state"
+        known = [a for *_, point in self.points() if (a := point.multiplier_accuracy) == a]
+        if known:
+            yield f"  accuracy of the multipliers: {max(known):.0e} of the larger of 1 and their size, or better"
         yield from (f"  {note}" for note in self.notes)
 
     def _special_points(self) -> Table:
@@ -259,6 +266,7 @@ class Branches(Result):
             "stick_share": ("point", [point.stick for point in points]),
             "stable": ("point", [point.stable for point in points]),
             "multiplier": ("point", [point.largest_multiplier for point in points]),
+            "multiplier_accuracy": ("point", [point.multiplier_accuracy for point in points]),
             "motion": ("point", branch_of),
             "special_kind": ("special", [special.name for special in specials]),
             "special_accuracy": ("special", [special.accuracy for special in specials], of_axis),
@@ -276,13 +284,15 @@ class Branches(Result):
     def listed(self) -> Table:
         """Return a row for each point of each branch."""
         output = (Column("low", self.unit), Column("high", self.unit))
-        rest = (Column("stick share"), Column("stable"), Column("largest multiplier"), Column("branch ends at"))
+        names = ("stick share", "stable", "largest multiplier", "multiplier accuracy", "branch ends at")
+        rest = (Column(name) for name in names)
         columns = (Column("branch"), Column("motion"), self.axis.column(), *output, Column("period", "s"), *rest)
         rows = []
         for number, branch, point in self.points():
             end = self._last(branch) if point is branch.points[-1] else ""
             row = [number, branch.name, point.value, point.low, point.high, point.period, point.stick]
-            rows.append([*row, int(point.stable), point.largest_multiplier, end])
+            multiplier = _with_known_digits(point.largest_multiplier, point.multiplier_accuracy)
+            rows.append([*row, int(point.stable), multiplier, point.multiplier_accuracy, end])
         return Table("points", columns, rows)
 
     def at(self, value: float) -> list[tuple[Branch, Point]]:
@@ -294,6 +304,13 @@ class Branches(Result):
                 if low - _ROUNDED * abs(low) <= value <= high + _ROUNDED * abs(high) and low != high:
                     out.append((branch, _between(a, b, value)))
         return out
+
+
+def _with_known_digits(multiplier: float, accuracy: float) -> float:
+    """A multiplier with the digits that its accuracy tells."""
+    if not (0.0 < accuracy < 1.0 and math.isfinite(multiplier)):
+        return multiplier
+    return round(multiplier, math.ceil(-math.log10(accuracy * max(1.0, multiplier))))
 
 
 def _stability(points: Sequence[Point]) -> str:
@@ -315,4 +332,4 @@ def _between(a: Point, b: Point, value: float) -> Point:
     period = interpolated(a.period, b.period)
     stick = interpolated(a.stick, b.stick)
     near = a if share < 0.5 else b
-    return Point(value, low, high, near.stable, period, stick, near.multipliers)
+    return Point(value, low, high, near.stable, period, stick, near.multipliers, near.multiplier_accuracy)

@@ -12,12 +12,17 @@ Keys that are nearly one leave a narrow valley. Most are sums, as of an offset a
 straight in the values and bent in the logarithms, so that a step is straight in the values. It follows what bend is
 left by its second derivative (geodesic acceleration), offsets are fitted anew at each of its ends, and a fit has ended
 where the step without damping is small beside the deviations, not the last step.
+
+Along a direction of which the data tell nothing, the derivatives are those of the errors of responses: small, but of
+many samples, so that they seem to tell a value. There the sum of squares is computed at a distance. If it does not rise
+as the derivatives say, they count for nothing, and only the ranges limit the parameters along it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +42,10 @@ _DAMPED = 10.0  # factor of the damping after a step that does not help
 _OVERDAMPED = 1e6  # where no step helps
 _SETTLED = 0.05  # of a standard deviation: step without damping at which a fit ends
 _CONVERGED = 0.2  # of a standard deviation: step without damping of a fit that has converged
+_WEAKEST = 1e-4  # of the information of a direction over that of the best one: responses may have errors as large
+_PROBED = 100.0  # times the smallest gain that responses can tell: by so much a sum of squares should rise
+_RISES = 0.25  # of the rise that derivatives predict: of less, an interval is half as wide as it should be
+_CORRECTED = 3  # steps that lead back to the valley, beside which it is probed
 _SAME = 1e-6  # of the sum of squares: responses cannot tell a smaller gain, and steps along it lead nowhere
 WIDE = 0.3
 """Of a value: an interval of 90 % that reaches farther to one side is wide."""
@@ -248,11 +257,85 @@ class Fit:
             J = self.jacobian(z, left, responses, not screening)
             if small:
                 break
-        C = np.zeros((0, 0)) if screening else sandwich(left, J, self.prior, self.known)
-        if stalled and done and not screening:  # least squares may lie as far away as the step that gained nothing
+        if screening:
+            return Solution(z, cost, left, J, self.prior, responses, done, tuple(flat.tolist()))
+        J, untold = self._told(z, left, J)
+        if untold.any():
+            H, g, held = self._equations(z, left, J)
+            sd = np.sqrt(np.diag(sandwich(left, J, self.prior, self.known, True)))
+            missing = np.abs(self._step(H, g, 0.0, held)) / sd
+            done = bool(np.all((missing[:p] < _CONVERGED) | untold))
+            flat = untold
+        C = sandwich(left, J, self.prior, self.known)
+        if stalled and done and not untold.any():  # least squares may lie as far away as the step that gained nothing
             wider = np.sqrt(1.0 + np.where(missing >= _CONVERGED, missing, 0.0) ** 2)
             C = C * np.outer(wider, wider)
         return Solution(z, cost, left, J, self.prior, responses, done, tuple(flat.tolist()), C)
+
+    def _told(self, z: Reals, left: Sequence[Reals], J: Sequence[Reals]) -> tuple[list[Reals], Any]:
+        """Derivatives without those along directions of which the data tell nothing, and which parameters these move
+        by more than a wide interval within the ranges.
+        """
+        p = len(self.free)
+        H = np.asarray(sum(np.einsum("jik,jil->kl", j, j) for j in J))
+        size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+        shares, directions = np.linalg.eigh(H / np.outer(size, size))
+        kept = list(J)
+        untold = np.zeros(p, bool)
+        for share, direction in zip(shares, directions.T):
+            if share > _WEAKEST * shares[-1]:
+                break
+            along = direction / size
+            if self._rises(z, along, size * direction, left, J, H):
+                continue
+            kept = [j - (j @ along)[..., None] * (size * direction) for j in kept]
+            range_alone = 1.0 / np.sqrt(float(self.prior @ along**2))
+            untold |= NORMAL * range_alone * np.abs(along[:p]) > np.log1p(WIDE)
+        return kept, untold
+
+    def _rises(
+        self, z: Reals, along: Reals, across: Reals, left: Sequence[Reals], J: Sequence[Reals], H: Reals
+    ) -> bool:
+        """Whether the sum of squares rises to both sides along a direction as its derivatives say.
+
+        `across`: the row that is one along it, and zero along the other directions.
+        """
+        p = len(self.free)
+        here = sum(float((r**2).sum()) for r in left)
+        bend = float(along @ H @ along)
+        farthest = np.log1p(WIDE) / max(float(np.abs(along[:p]).max()), 1e-300)
+        distance = min(farthest, float(np.sqrt(_PROBED * _SAME * here / max(bend, 1e-300))))
+        predicted = bend * distance**2
+        if predicted < _SAME * here:
+            return False
+        back = inverse(H + np.diag(self.prior))
+        for side in (-distance, distance):
+            to = self.moved(z, side * along)
+            there = self._sum(to)
+            for _ in range(_CORRECTED if there is not None else 0):
+                assert there is not None
+                squares, at, residuals = there
+                if squares - here < _RISES * predicted:
+                    return False
+                step = -back @ self._slope(J, residuals)
+                corrected = self._sum(self.moved(at, step - along * float(across @ step)))
+                if corrected is None or corrected[0] >= squares:
+                    break
+                there = corrected
+            if there is not None and there[0] - here < _RISES * predicted:
+                return False
+        return True
+
+    def _sum(self, z: Reals) -> tuple[float, Reals, list[Reals]] | None:
+        """The sum of squares of the residuals with the best offsets, the point with these, and the residuals; None
+        without a response.
+        """
+        [responses] = self.responses([z])
+        if isinstance(responses, str):
+            return None
+        z = self.levelled(z, responses)
+        left = self.left(z, responses)
+        return sum(float((r**2).sum()) for r in left), z, left
 
     def _equations(self, z: Reals, left: Sequence[Reals], J: Sequence[Reals]) -> tuple[Reals, Reals, Reals]:
         """Matrix and slope of the normal equations, and which parameters the ends of their ranges hold."""

@@ -7,7 +7,7 @@ logarithms of the parameters, or the parameters over their unit where the range 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -52,30 +52,42 @@ def base_of(based_on: str, out: Path) -> str:
 def scene_text(identified: Identified, based_on: str) -> str:
     """The text of the scene."""
     today = datetime.now(UTC).date().isoformat()
-    scene = identified.task.scene
-    runs = len(identified.best.runs)
-    lines = [
-        f"# Parameters that rig identify found in {identified.task.where} on {today}: {counted(runs, 'run')}.",
-        "# Keys that it could not identify keep the values of the scene that this one is based on.",
-        f"format = {FORMAT}",
-        f"based_on = {json.dumps(based_on)}",
-        f"title = {json.dumps(f'{scene.title}, identified', ensure_ascii=False)}",
+    runs = counted(len(identified.best.runs), "run")
+    about = [
+        f"Parameters that rig identify found in {identified.task.where} on {today}: {runs}.",
+        "Keys that it could not identify keep the values of the scene that this one is based on.",
     ]
-    tables: dict[str, list[str]] = {}
+    lines = {}
     for key, unit, value in _law_keys(identified):
-        table, _, field = key.rpartition(".")
-        line = f"{field} = {value}"
-        if unit is not None:
-            line = value_line(field, value, unit, "chosen", "of the law, not identified")
-        tables.setdefault(table, []).append(line)
+        lines[key] = value if unit is None else stated(value, unit, "chosen", "of the law, not identified")
     where = Path(identified.task.where).name
     for p in identified.told:
-        table, _, field = p.key.rpartition(".")
-        note = f"{where}, {today}, {counted(runs, 'run')}, 90 % {p.low:.6g} to {p.high:.6g}"
-        tables.setdefault(table, []).append(value_line(field, f"{p.value:.9g}", p.unit, "identified", note))
+        note = f"{where}, {today}, {runs}, 90 % {p.low:.6g} to {p.high:.6g}"
+        lines[p.key] = stated(f"{p.value:.9g}", p.unit, "identified", note)
+    return text_of(about, based_on, f"{identified.task.scene.title}, identified", lines)
+
+
+def text_of(about: Iterable[str], based_on: str, title: str, values: Mapping[str, str]) -> str:
+    """Return the text of a scene: what it says of itself, the scene that it is based on, values (TOML) by key."""
+    lines = [
+        *(f"# {line}" for line in about),
+        f"format = {FORMAT}",
+        f"based_on = {json.dumps(based_on)}",
+        f"title = {json.dumps(title, ensure_ascii=False)}",
+    ]
+    tables: dict[str, list[str]] = {}
+    for key, value in values.items():
+        table, _, field = key.rpartition(".")
+        tables.setdefault(table, []).append(f"{field} = {value}")
     for table, rows in tables.items():
         lines += ["", f"[{table}]", *rows]
     return "\n".join([*lines, ""])
+
+
+def stated(value: str, unit: str, origin: str, note: str) -> str:
+    """Return a value of a scene file with its origin and a note."""
+    text = json.dumps(value if unit == "1" else f"{value} {unit}")
+    return f"[{text}, {json.dumps(origin)}, {json.dumps(note)}]"
 
 
 def covariance(identified: Identified) -> dict[str, Any]:
@@ -90,12 +102,6 @@ def covariance(identified: Identified) -> dict[str, Any]:
         "parameters": [_as_json(best.law.free[i], told) for i in index],
         "covariance": np.asarray(best.covariance)[np.ix_(index, index)].tolist(),
     }
-
-
-def value_line(field: str, value: str, unit: str, origin: str, note: str) -> str:
-    """Return the line of a scene file with a value, its origin and a note."""
-    text = json.dumps(value if unit == "1" else f"{value} {unit}")
-    return f"{field} = [{text}, {json.dumps(origin)}, {json.dumps(note)}]"
 
 
 def _law_keys(identified: Identified) -> list[tuple[str, str | None, str]]:

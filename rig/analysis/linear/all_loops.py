@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import controllers
-from rig.analysis.linear.control_loop import VANISHED, plant
+from rig.analysis.linear.control_loop import lasting, plant
 from rig.design import numbers
-from rig.design.closed_loops import Closed, Loop, closed
 from rig.design.linearised import Plant
+from rig.design.sampled_loops import Closed, ControlLoop, closed
 from rig.errors import PartError, SceneError
 from rig.scenes.scene import Scene
 
@@ -30,9 +30,8 @@ def closed_rates(scene: Scene) -> Complex:
     not a linear feedback, and without steady sliding.
     """
     loops = closed_plant(scene, plant(scene), numbers(scene))
-    z = np.linalg.eigvals(loops.matrix).astype(np.complex128)
-    rates = np.log(z[np.abs(z) > VANISHED]) / loops.period
-    return np.asarray(rates[np.lexsort((-rates.imag, -rates.real))])
+    rates, _ = lasting(np.linalg.eigvals(loops.matrix).astype(np.complex128), loops.period)
+    return rates
 
 
 def closed_plant(scene: Scene, rig: Plant, values: Mapping[str, Any]) -> Closed:
@@ -52,7 +51,7 @@ def closed_plant(scene: Scene, rig: Plant, values: Mapping[str, Any]) -> Closed:
             )
             continue
         sensor = scene.sensors[feedback.reads[0]]
-        loops.append(Loop(feedback, sensor.reads, sensor.front_end(), int(section.delay)))
+        loops.append(ControlLoop(feedback, sensor.reads, sensor.front_end(), int(section.delay)))
     if faults:
         raise SceneError(scene.name, faults)
     try:

@@ -1,7 +1,7 @@
 """A control loop of a scene, linearised: closed-loop eigenvalues, gain range, phase margin and delay margin.
 
 The loop contains the controller with its own parameters, its sensor, its delay, and sample and hold, all discretised
-exactly (rig.design.linearised). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig
+exactly (rig.design.sampled_loops). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig
 with friction may be unstable without control. Therefore the gain has a range instead of one margin: below it friction
 destabilises the rig, above it the loop does.
 
@@ -30,7 +30,8 @@ from rig.analysis.linear.eigenvalue_curves import Spectrum, absent, of_matrix
 from rig.analysis.linear.modes import at_rest, missing
 from rig.analysis.linear.sweep import Sweep, along
 from rig.design import numbers
-from rig.design.linearised import Plant, Sampled, linear, linear_form, sampled
+from rig.design.linearised import Plant, linear, linear_form
+from rig.design.sampled_loops import ControlLoop, Sampled, sampled
 from rig.errors import PartError, SceneError, Singular
 from rig.quantities import unit_of
 from rig.results import Column, Result, Table
@@ -83,15 +84,10 @@ class Loop(Result):
         period.
         """
         z, right, left = of_matrix(self.model.closed(self.gain))
-        seen = np.abs(z) > VANISHED
-        rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
-        order = np.lexsort((-rates.imag, -rates.real))
-        columns = np.flatnonzero(seen)[order]
+        rates, columns = lasting(z, self.model.period)
         states = self.model.states
         nq = sum(f"{name}'" in states for name in states)
-        return Spectrum(
-            rates[order], right[:, columns], left[:, columns], states, nq, self.model.own, energy=self.energy
-        )
+        return Spectrum(rates, right[:, columns], left[:, columns], states, nq, self.model.own, energy=self.energy)
 
     @property
     def growth(self) -> float:
@@ -196,8 +192,7 @@ class Loop(Result):
         """Angular frequencies up to that of Nyquist [rad/s], dense where a phase changes fast."""
         top = math.pi / self.model.period
         z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
-        lasting = z[np.abs(z) > VANISHED]
-        poles = np.log(lasting.astype(np.complex128)) / self.model.period
+        poles, _ = lasting(z, self.model.period)
         slowest = max(float(np.abs(poles).min()), 1e-6 * top)
         widths = np.linspace(-8.0, 8.0, 49)
         around = [p.imag + max(abs(p.real), 1e-9 * abs(p)) * widths for p in poles]
@@ -282,6 +277,17 @@ class Loop(Result):
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
+def lasting(z: Complex, period: float) -> tuple[Complex, NDArray[np.int64]]:
+    """Return the rates ln(z) / period of eigenvalues of one period, least stable first, and their places in z.
+
+    Those that decay within a period are left out.
+    """
+    places = np.flatnonzero(np.abs(z) > VANISHED)
+    rates = np.asarray(np.log(z[places].astype(np.complex128)) / period, dtype=np.complex128)
+    order = np.lexsort((-rates.imag, -rates.real))
+    return rates[order], places[order]
+
+
 def ends(scene: Scene, name: str) -> tuple[str, str]:
     """Sensor and actuator of the loop of controller `name`, which has one of each."""
     section = scene.controllers[name]
@@ -293,8 +299,8 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
     """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
     stay open.
 
-    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.linearised.sampled`. Impaired links
-    are left out.
+    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.sampled_loops.sampled`. Impaired
+    links are left out.
 
     Raises SceneError for an unknown controller, for one that is not a linear feedback, and for a rig without steady
     sliding.
@@ -324,7 +330,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         sensor = scene.sensors[reads]
         end = sensor.front_end()
         rig = plant(scene)
-        model = sampled(rig, feedback, sensor.reads, end, section.delay + more_ns, newer)
+        model = sampled(rig, ControlLoop(feedback, sensor.reads, end, section.delay + more_ns), newer)
     except PartError as fault:
         raise SceneError(scene.name, [f"controllers.{name}: {fault}"]) from None
     except ValueError as fault:

@@ -76,10 +76,11 @@ class Uncertain:
             return f"{self.axis.text(ends[0])} to {self.axis.text(ends[1])}"
         first, last = (self.ends[0] + (self.ends[1] - self.ends[0]) * share for share in (low, high))
         scale = 0.01 if self.relative else self.axis.scale
-        unit = "%" if self.relative else self.axis.shown
+        shown = "" if self.axis.shown == "1" else self.axis.shown
+        unit = "%" if self.relative else shown
         if math.isclose(first, -last, rel_tol=1e-9):
-            return f"+-{last / scale:.4g} {unit}"
-        return f"{first / scale:.4g} to {last / scale:.4g} {unit}"
+            return f"+-{last / scale:.4g} {unit}".rstrip()
+        return f"{first / scale:.4g} to {last / scale:.4g} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,24 @@ class Box:
             for i, column in zip(index, Identified.drawn(joint, shares[:, index]).T):
                 u[:, i] = self.uncertain[i].shares(column)
         return u
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit `slope` x + `over` <= 0 of design x [free], in units of the largest sum of its terms over the ranges.
+
+    `text`: as its user states it; `weights` [free] and `bound`: the same in SI, weights * values <= bound.
+    """
+
+    text: str
+    slope: Array
+    over: float
+    weights: Array
+    bound: float
+
+    def excess(self, x: Array) -> float:
+        """How far a design is beyond the limit; at most 0 if it keeps it."""
+        return float(self.slope @ x) + self.over
 
 
 def ends_of(given: Distribution) -> tuple[float, float]:

@@ -1,15 +1,15 @@
-"""Whether no rig of a box grows: proved for the whole box, refuted by a rig, or undecided.
+"""Whether no rig of a box grows: its parts are proved, refuted by a rig, or halved.
 
-The matrix of a rig is a polynomial of the uncertain values. In a box, changes of first and second order (secants,
-squares and products of two values, each as a value of its own between -1 and 1) make it A0 + L diag(d) R, and what is
-left is a matrix E of known size. No such matrix has the eigenvalue s if
+The matrix of a rig is a polynomial of the uncertain values, in products of Chebyshev polynomials. Over a part of the
+box it is expanded anew: A0 + L diag(d) R + E. Each d, a term of first or second order, lies between -1 and 1; E, all
+that is left, is no larger than the sum of its terms. No such matrix has the eigenvalue s if
 
     B(s) = [ |R G L|   |R G| ]        G = (s - A0)^-1, in the coordinates of the eigenvectors of A0
            [ e |G L|   e |G| ]        e: size of E
 
 has a Perron root below 1. If this holds all along the edge of the region that eigenvalues must not enter, and the rig
-in the middle has none inside, no rig of the box has. Else the box is halved along the value that contributes most to
-the root, and the halves are examined.
+in the middle has none inside, no rig of the part has. Else it is halved along the value that contributes most to the
+root, and the halves are examined.
 
     continuous in time   the edge is Re s = limit within the band, Re s = max(limit, 0) outside of it
     sampled loop         the same for z = exp(s T): circles
@@ -17,77 +17,54 @@ the root, and the halves are examined.
 The edge is covered by cells, not by single frequencies: 1/(s - lambda) within a cell is a Taylor polynomial about its
 middle and a rest that is bounded. A cell that is too large for the proof is halved.
 
-What it rests on: rounding; that the matrix is the polynomial, which is compared at points that the fit does not know;
-that E, which is computed at 2^(count + 1) points of each box, is nowhere larger than twice what it is there.
+What it rests on: rounding, and that the matrix is the polynomial, which is compared at points that the fit does not
+know.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.linear.control_loop import VANISHED
+from rig.errors import RigError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Arrays = dict[str, NDArray[Any]]
 Matrices = Callable[[Array], Array]
-PROVED, REFUTED, UNDECIDED = "proved", "refuted", "undecided"
-BOXES = 4000
-"""Most boxes that are examined."""
+SMOOTH = 1e-7
+"""Error of the polynomial, of the largest entry: with a larger one the matrix is none."""
 _TERMS = 500  # of the polynomial
 _DEGREE = 15  # highest power of a value
 _FALLS = 1e-3  # size of a term over that of the next lower power, at least: values may act together only
 _POINTS = 3  # for each term
-_SMOOTH = 1e-7  # of the largest entry: with a larger error the matrix is no polynomial
 _LITTLE = 1e-13  # of the largest entry: terms of the polynomial that are left out
+_MOST = 2e8  # numbers of the matrices through which it is fitted: 1.6 GB
 _CHECKS = 24  # rigs at which the polynomial is compared
 _RANK = 1e-9  # of the largest singular value of a change: the rest of it goes into E
 _DEFECTIVE = 1e9  # condition of eigenvectors: beyond, A0 is moved
 _MOVED = 1e-10  # of its largest entry
-_LARGER = 2.0  # times what E is at the points of a box
-_CORNERS = 5  # most uncertain values of which all corners are compared; else as many random ones
+_TOUCHES = 1e-60  # rad/s: least distance from an eigenvalue
 _TAYLOR = 3  # terms of a cell
-_AROUND = (1.0, 4.0, 16.0)  # distances of an eigenvalue from the edge: ends of the first cells
-_CELLS = 20_000  # of a box, at most
+_AROUND = (0.0, 1.0, 3.0, 10.0)  # distances of an eigenvalue from the edge: ends of the first cells
+_CELLS = 20_000  # of a part, at most
 _HALVED = 40  # times a cell, at most
 _POWERS = 60  # steps to a Perron root
-_FAR = 4.0  # times the largest eigenvalue: there the last cell begins, which has no end
-_FARTHEST = 8  # times that it moves on
+_BEYOND = 1.001  # times a bound of all eigenvalues: there the edge ends
 _NEUTRAL = 1e-9  # of the largest eigenvalue: a mode without growth outside of the band grows less
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """What is known of a box: `verdict` is "proved", "refuted" or "undecided".
-
-    `rig` [count]: of a refuted one, a rig that grows faster than the limit, in the unit cube. `boxes`: how many were
-    examined, `left`: how many are undecided, `share`: of the volume, that is proved. `cells`: how many cells of the
-    edge. `degree`, `error`: of the polynomial, in its largest entry; `rest`: the largest E of a proved box over the
-    distance of an eigenvalue from the edge.
-    """
-
-    verdict: str
-    limit: float
-    rig: Array | None = None
-    boxes: int = 0
-    left: int = 0
-    share: float = 0.0
-    cells: int = 0
-    degree: int = 0
-    error: float = 0.0
-    rest: float = 0.0
-    seconds: float = 0.0
-    why: str = ""
+class NoProof(RigError):
+    """Rigs that cannot be examined, for the reason in words."""
 
 
-class _Region(NamedTuple):
+class Region(NamedTuple):
     """Where eigenvalues must not be: `limit` [1/s] within `band` [rad/s], `outer` outside of it, up to `top` [rad/s].
 
     `period` [s]: of a sampled loop, else 0.
@@ -101,37 +78,50 @@ class _Region(NamedTuple):
 
     def holds(self, values: Complex) -> bool:
         """Whether one of the eigenvalues is in it."""
-        rates: Complex = values
-        if self.period:
-            values = values[np.abs(values) > VANISHED]
-            rates = np.asarray(np.log(values.astype(np.complex128)) / self.period, dtype=np.complex128)
+        rates = self.rates(values)
         tone = np.abs(rates.imag)
         inside = (tone >= self.band[0]) & (tone <= self.band[1])
         return bool(np.any((rates.real > np.where(inside, self.limit, self.outer)) & (tone <= self.top)))
 
-    def edge(self, far: float) -> Iterator[tuple[complex, complex]]:
-        """Its edge in the upper half plane as straight pieces of the s-plane, up to `far` [rad/s]."""
-        top = min(far, self.top)
-        low, high = (min(end, top) for end in self.band)
-        if self.limit == self.outer:
-            low = high = top
-        if low > 0.0:
-            yield complex(self.outer, 0.0), complex(self.outer, low)
-        if high > low:
-            if low > 0.0:
-                yield complex(self.limit, low), complex(self.outer, low)
-            yield complex(self.limit, low), complex(self.limit, high)
-            if high < top:
-                yield complex(self.limit, high), complex(self.outer, high)
-                yield complex(self.outer, high), complex(self.outer, top)
-        if self.top < far:
-            yield complex(self.limit if high == top else self.outer, top), complex(far, top)
+    def rates(self, values: Complex) -> Complex:
+        """The rates [1/s] of eigenvalues; those that vanish within a period have a large decay."""
+        if not self.period:
+            return values
+        lasting = np.where(np.abs(values) > VANISHED, values, VANISHED)
+        return np.asarray(np.log(lasting.astype(np.complex128)) / self.period)
+
+    def points(self, rates: Complex) -> Complex:
+        """The places of rates [1/s] among the eigenvalues."""
+        return np.exp(rates * self.period) if self.period else rates
+
+    def edge(self, far: float) -> list[tuple[complex, complex]]:
+        """Its edge in the upper half plane as straight pieces, in rates, up to `far` [rad/s]."""
+        end = min(far, self.top)
+        low, high = (min(edge, end) for edge in self.band)
+        outer, limit = self.outer, self.limit
+        corners = [complex(outer, 0.0), complex(outer, low), complex(limit, low)]
+        corners += [complex(limit, high), complex(outer, high), complex(outer, end)]
+        if end < far and not self.period:
+            corners.append(complex(far, end))
+        return [(begin, end) for begin, end in itertools.pairwise(corners) if begin != end]
 
 
-class _Polynomial:
+def region_of(limit: float, band: tuple[float, float], period: float, up_to: float, values: Complex) -> Region:
+    """Return the region that no eigenvalue of a rig must enter; `values`: those of one rig. See `Examination`."""
+    size = float(np.abs(values).max(initial=0.0))
+    outer = max(limit, 0.0) + _NEUTRAL * (1.0 / period if period else size)
+    if limit >= 0.0:  # one line, which a mode without growth does not touch
+        limit = outer
+    nyquist = math.pi / period if period else math.inf
+    low, high = (2.0 * math.pi * edge for edge in band)
+    return Region(limit, outer, (low, high), min(2.0 * math.pi * up_to, nyquist), period)
+
+
+class Polynomial:
     """The matrix [n, n] of rigs u [k, count] as a polynomial, scaled so that rows and columns are alike in size.
 
-    `error`: the largest one at rigs that the fit does not know, over the largest entry `size`.
+    `error`: the largest one in an entry, at rigs that the fit does not know, over the largest entry `size`. Raises
+    NoProof for matrices that are too large.
     """
 
     def __init__(self, matrix: Matrices, count: int) -> None:
@@ -143,17 +133,25 @@ class _Polynomial:
         self._matrix = matrix
         self._scale = scales[None, :] / scales[:, None]
         chance = np.random.default_rng(1)
-        self.powers = _powers([self._sizes(i, count) for i in range(count)])
+        powers = _powers([self._sizes(i, count) for i in range(count)])
+        if _POINTS * len(powers) * self.n**2 > _MOST:
+            raise NoProof(
+                f"its matrix has {self.n} rows, each frame of a delay one, and {len(powers)} terms: too many; state a "
+                "shorter delay or fewer uncertain values"
+            )
         # most points near the ends of each value: there a polynomial through points that are evenly spread fails
-        points = 0.5 - 0.5 * np.cos(math.pi * chance.random((_POINTS * len(self.powers), count)))
+        points = 0.5 - 0.5 * np.cos(math.pi * chance.random((_POINTS * len(powers), count)))
         held = self._true(points)
         self.size = max(float(np.abs(held).max(initial=0.0)), 1e-300)
-        self.coefficients = np.linalg.lstsq(self._basis(points), held, rcond=None)[0]
-        kept = np.abs(self.coefficients).max(axis=1) > _LITTLE * self.size
-        self.powers = self.powers[kept]
-        self.coefficients = self.coefficients[kept]
+        coefficients = np.linalg.lstsq(products(2.0 * points - 1.0, powers), held, rcond=None)[0]
+        large = powers[np.abs(coefficients).max(axis=1) > _LITTLE * self.size]
+        kept = np.array([bool((power <= large).all(axis=1).any()) for power in powers])
+        kept[0] = True
+        self.powers = powers[kept]
+        """Powers [term, count]: with a term, all of lower powers."""
+        self.coefficients = coefficients[kept]
         checked = chance.random((_CHECKS, count))
-        missed = self._basis(checked) @ self.coefficients - self._true(checked)
+        missed = np.array([self(u).ravel() for u in checked]) - self._true(checked)
         self.error = float(np.abs(missed).max()) / self.size
 
     def _true(self, points: Array) -> Array:
@@ -174,17 +172,27 @@ class _Polynomial:
         """The highest power of a value."""
         return int(self.powers.max(initial=0))
 
-    def _basis(self, points: Array) -> Array:
-        """Products of Chebyshev polynomials [point, term]."""
-        each = np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, self.degree)  # [point, value, power]
-        terms = np.ones((len(points), len(self.powers)))
-        for value in range(points.shape[1]):
-            terms *= each[:, value, self.powers[:, value]]
-        return terms
+    @property
+    def bound(self) -> float:
+        """A bound of the sizes of all eigenvalues of all rigs."""
+        largest = np.abs(self.coefficients).sum(axis=0).reshape(self.n, self.n) + self.error * self.size
+        return float(np.abs(np.linalg.eigvals(largest)).max(initial=0.0))
 
-    def __call__(self, points: Array) -> Array:
-        """Return the matrices [k, n, n] of rigs [k, count]."""
-        return (self._basis(points) @ self.coefficients).reshape(-1, self.n, self.n)
+    def __call__(self, u: Array) -> Array:
+        """Return the matrix [n, n] of a rig u [count]."""
+        rows = products(2.0 * u[None] - 1.0, self.powers) @ self.coefficients
+        return np.asarray(rows, dtype=np.float64).reshape(self.n, self.n)
+
+    def within(self, low: Array, high: Array) -> Array:
+        """The coefficients [term, n, n] over a part of the box, whose ends are -1 and 1."""
+        nodes = np.cos(math.pi * (np.arange(self.degree + 1) + 0.5) / (self.degree + 1))
+        change = np.ones((len(self.powers), len(self.powers)))
+        for i, powers in enumerate(self.powers.T):
+            along = low[i] + high[i] - 1.0 + (high[i] - low[i]) * nodes
+            old = np.polynomial.chebyshev.chebvander(along, self.degree)
+            new = np.linalg.solve(np.polynomial.chebyshev.chebvander(nodes, self.degree), old)  # [new, old power]
+            change *= new[powers[:, None], powers[None, :]]
+        return np.asarray(change @ self.coefficients, dtype=np.float64).reshape(-1, self.n, self.n)
 
 
 def _powers(sizes: list[Array]) -> NDArray[np.int64]:
@@ -198,11 +206,20 @@ def _powers(sizes: list[Array]) -> NDArray[np.int64]:
     return np.array([p for p, _ in terms], dtype=np.int64).reshape(len(terms), len(sizes))
 
 
-class _Box(NamedTuple):
-    """A box of rigs in the coordinates of the eigenvectors of its A0.
+def products(points: Array, powers: NDArray[np.int64]) -> Array:
+    """Return products [point, term] of Chebyshev polynomials at points [point, value] between -1 and 1."""
+    each = np.polynomial.chebyshev.chebvander(points, int(powers.max(initial=0)))  # [point, value, power]
+    terms = np.ones((len(points), len(powers)))
+    for value in range(points.shape[1]):
+        terms *= each[:, value, powers[:, value]]
+    return terms
 
-    `poles` [n]: eigenvalues of A0; `left` [n, change], `right` [change, n]; `of` [change, count]: which uncertain
-    values a change belongs to; `rest`: the size of E; `middle` [n]: eigenvalues of the rig in the middle.
+
+class _Part(NamedTuple):
+    """A part of the box in the coordinates of the eigenvectors of its A0.
+
+    `poles` [n]: eigenvalues of A0; `left` [n, change], `right` [change, n]; `of` [change + 1, count]: which uncertain
+    values a change, and at last E, belong to; `rest`: the size of E.
     """
 
     poles: Complex
@@ -210,106 +227,117 @@ class _Box(NamedTuple):
     right: Complex
     of: Array
     rest: float
-    middle: Complex
 
 
-def certify(
-    matrix: Matrices,
-    count: int,
-    limit: float = 0.0,
-    band: tuple[float, float] = (0.0, math.inf),
-    period: float = 0.0,
-    up_to: float = math.inf,
-    suspects: Array | None = None,
-    most: int = BOXES,
-    progress: Callable[[int, int], None] | None = None,
-) -> Certificate:
-    """Return whether no rig grows by more than `limit` [1/s] in a `band` [Hz], or at all outside of it.
+class Examination:
+    """A box of rigs whose parts are examined: no rig may grow by more than `limit` [1/s] in a `band` [Hz], or at all
+    outside of it.
 
     `matrix`: u [count] in the unit cube -> [n, n], continuous in time, or of one `period` [s]; eigenvalues count up to
-    the frequency `up_to` [Hz]. `suspects` [k, count]: rigs that may refute it. `most`: boxes that are examined. The
-    answer depends on these alone. Raises what `matrix` raises.
+    the frequency `up_to` [Hz]. `known`: highest power of a value, and error in the largest entry. Raises NoProof, and
+    what `matrix` raises.
     """
-    begin = time.perf_counter()
-    of_rigs = _Polynomial(matrix, count)
-    middle = np.linalg.eigvals(of_rigs(np.full((1, count), 0.5))[0])
-    region = _region(limit, band, period, up_to, middle)
-    known = {"limit": limit, "degree": of_rigs.degree, "error": of_rigs.error}
-    for u in np.zeros((0, count)) if suspects is None else suspects:
-        if region.holds(np.linalg.eigvals(matrix(u)).astype(np.complex128)):
-            return Certificate(REFUTED, rig=np.array(u), seconds=time.perf_counter() - begin, **known)  # type: ignore[arg-type]
-    if of_rigs.error > _SMOOTH:
-        why = f"the matrix of a rig is no smooth function of the uncertain values (polynomial: {of_rigs.error:.1e})"
-        return Certificate(UNDECIDED, left=1, seconds=time.perf_counter() - begin, why=why, **known)  # type: ignore[arg-type]
-    todo = [(np.zeros(count), np.ones(count))]
-    boxes = cells = 0
-    proved = rest = 0.0
-    rig = None
-    while todo and boxes < most and rig is None:
-        low, high = todo.pop()
-        boxes += 1
-        box = _made(of_rigs, low, high)
-        u = 0.5 * (low + high)
-        if region.holds(box.middle) and region.holds(np.linalg.eigvals(matrix(u)).astype(np.complex128)):
-            rig = u
-            continue
-        taken, weights, size = _examined(box, region)
-        cells += taken
-        if weights is None:
-            proved += float(np.prod(high - low))
-            rest = max(rest, size)
-        elif count:
+
+    def __init__(
+        self,
+        matrix: Matrices,
+        count: int,
+        limit: float = 0.0,
+        band: tuple[float, float] = (0.0, math.inf),
+        period: float = 0.0,
+        up_to: float = math.inf,
+    ) -> None:
+        self._matrix = matrix
+        self._polynomial = Polynomial(matrix, count)
+        middle = np.linalg.eigvals(self._polynomial(np.full(count, 0.5))).astype(np.complex128)
+        self._region = region_of(limit, band, period, up_to, middle)
+        self._edge = self._region.edge(_BEYOND * self._polynomial.bound if not period else math.inf)
+        self.known = {"degree": self._polynomial.degree, "error": self._polynomial.error}
+
+    def divided(self, low: Array, high: Array, most: int) -> Arrays:
+        """Examine the part of the box between two corners [count], divided into `most` parts at most.
+
+        Returns what is `known`, how many `parts` were examined and `cells`; the `share` of the box that is proved;
+        `rest`, the largest E of a proved part over the distance of an eigenvalue from the edge; `rig` [0 or 1, count]
+        that refutes the box; and what is `left` [part, 2, count].
+        """
+        todo = [np.array([low, high])]
+        rig = np.zeros((0, len(low)))
+        parts = cells = 0
+        share = rest = 0.0
+        while todo and parts < most and not len(rig) and self._polynomial.error <= SMOOTH:
+            ends = todo.pop()
+            parts += 1
+            middle = ends.mean(axis=0)
+            if self._grows(middle):
+                rig = middle[None]
+                continue
+            taken, weights, size = self._examined(*ends)
+            cells += taken
+            if weights is None:
+                share += float(np.prod(ends[1] - ends[0]))
+                rest = max(rest, size)
+                continue
             i = int(np.argmax(weights))
-            first, second = high.copy(), low.copy()
-            first[i] = second[i] = u[i]
-            todo += [(low, first), (second, high)]
-        else:
-            todo.append((low, high))
-            break
-        if progress is not None:
-            progress(round(1000 * proved), 1000)
-    verdict = REFUTED if rig is not None else (UNDECIDED if todo else PROVED)
-    seconds = time.perf_counter() - begin
-    of_box = {"boxes": boxes, "left": len(todo), "share": proved, "cells": cells, "rest": rest, "seconds": seconds}
-    return Certificate(verdict, rig=rig, **known, **of_box)  # type: ignore[arg-type]
+            halves = np.array([ends, ends])
+            halves[0, 1, i] = halves[1, 0, i] = middle[i]
+            todo += [*halves]
+        left = np.array(todo).reshape(-1, 2, len(low))
+        numbers = {"parts": parts, "cells": cells, "share": share, "rest": rest, **self.known}
+        return {"rig": rig, "left": left, **{name: np.array(number) for name, number in numbers.items()}}
 
+    def _grows(self, u: Array) -> bool:
+        """Whether a rig has an eigenvalue in the region, the polynomial and the rig itself."""
+        matrices = (matrix(u) for matrix in (self._polynomial, self._matrix))
+        return all(self._region.holds(np.linalg.eigvals(A).astype(np.complex128)) for A in matrices)
 
-def _region(limit: float, band: tuple[float, float], period: float, up_to: float, values: Complex) -> _Region:
-    """The region that eigenvalues must not enter."""
-    size = float(np.abs(values).max(initial=0.0))
-    neutral = _NEUTRAL * (1.0 / period if period else size)
-    low, high = (2.0 * math.pi * edge for edge in band)
-    outer = max(limit, 0.0) + neutral
-    if limit >= 0.0:  # one line, which a mode without growth does not touch
-        limit = outer
-    nyquist = math.pi / period if period else math.inf
-    return _Region(limit, outer, (low, high), min(2.0 * math.pi * up_to, nyquist), period)
+    def _part(self, low: Array, high: Array) -> _Part:
+        of_rigs = self._polynomial
+        own = of_rigs.within(low, high)
+        order = of_rigs.powers.sum(axis=1)
+        owners = np.array(of_rigs.powers > 0, dtype=np.float64)
+        small = (order == 1) | (order == 2)
+        L, R, kept, of = _factors(own[small], owners[small], of_rigs.error * of_rigs.size * of_rigs.n)
+        poles, V, back = _diagonalised(own[order == 0][0])
+        others = np.abs(own[order > 2])
+        missed = others.sum(axis=0) + np.abs(own[small] - kept).sum(axis=0) + of_rigs.error * of_rigs.size
+        rest = float(np.linalg.norm(np.abs(back) @ missed @ np.abs(V)))
+        rest += float(np.linalg.norm(back @ (own[order == 0][0] @ V - V * poles)))
+        of_rest = others.max(axis=(1, 2), initial=0.0) @ owners[order > 2]
+        of_rest /= max(float(of_rest.max(initial=0.0)), 1e-300)
+        return _Part(poles.astype(np.complex128), back @ L, R @ V, np.vstack([of, of_rest]), rest)
 
-
-def _made(of_rigs: _Polynomial, low: Array, high: Array) -> _Box:
-    """Return the box between two corners."""
-    m = len(low)
-    unit = np.eye(m)
-    first, second = np.array([*itertools.combinations(range(m), 2)], dtype=int).reshape(-1, 2).T
-    both = unit[first] + unit[second]
-    ends = _ends(m)
-    tried = np.vstack([ends, 0.5 * ends])
-    steps = np.vstack([np.zeros((1, m)), unit, -unit, both, tried])
-    A = of_rigs(0.5 * (low + high) + 0.5 * (high - low) * steps)
-    centre, plus, minus, mixed, others = np.split(A, np.cumsum([1, m, m, len(both)]))
-    squares = 0.5 * (plus + minus) - centre  # of d^2, which is 1/2 + 1/2 d'
-    products = mixed - plus[first] - plus[second] + centre  # of d_i d_j
-    changes = np.concatenate([0.5 * (plus - minus), 0.5 * squares, products])
-    L, R, kept, owners = _factors(changes, np.vstack([unit, unit, both]), of_rigs.error * of_rigs.size * of_rigs.n)
-    A0 = centre[0] + 0.5 * squares.sum(axis=0)
-    poles, V, back = _diagonalised(A0)
-    size = float(np.linalg.norm(back @ (A0 @ V - V * poles)))
-    size += of_rigs.error * of_rigs.size * float(np.linalg.norm(back) * np.linalg.norm(V))
-    d = np.hstack([tried, 2.0 * tried**2 - 1.0, tried[:, first] * tried[:, second]])
-    missed = back @ (others - A0 - np.tensordot(d, kept, 1)) @ V
-    size += _LARGER * float(np.linalg.norm(missed, axis=(1, 2)).max())
-    values = np.linalg.eigvals(centre[0]).astype(np.complex128)
-    return _Box(poles.astype(np.complex128), back @ L, R @ V, owners, size, values)
+    def _examined(self, low: Array, high: Array) -> tuple[int, Array | None, float]:
+        """Examine the edge of a part: number of cells; None if it is proved, else how much each value contributes; the
+        largest size of E over the distance of an eigenvalue.
+        """
+        part = self._part(low, high)
+        if self._region.holds(part.poles):
+            return 0, part.of.sum(axis=0), 0.0
+        pairs = (part.right[:, None, :] * part.left.T[None, :, :]).reshape(-1, len(part.poles)).T
+        taken = 0
+        largest = 0.0
+        for piece in self._edge:
+            cells = _first(piece, self._region.rates(part.poles))
+            for _ in range(_HALVED):
+                taken += len(cells)
+                B, at_middle, share = _bounds(part, self._region, cells, pairs)
+                below, above = _roots(B)
+                fails = (_roots(at_middle)[0] >= 1.0) & (below >= 1.0)
+                if fails.any():
+                    return taken, _contributions(part, at_middle[np.argmax(np.where(fails, below, 0.0))]), largest
+                open_ = above >= 1.0
+                largest = max(largest, float(share[~open_].max(initial=0.0)))
+                if not open_.any():
+                    break
+                if taken > _CELLS:
+                    return taken, _contributions(part, B[np.argmax(above)]), largest
+                begin, end = cells[open_].T
+                middle = 0.5 * (begin + end)
+                cells = np.vstack([np.column_stack([begin, middle]), np.column_stack([middle, end])])
+            else:
+                return taken, _contributions(part, B[np.argmax(above)]), largest
+        return taken, None, largest
 
 
 def _diagonalised(A: Array) -> tuple[Complex, Complex, Complex]:
@@ -324,151 +352,61 @@ def _diagonalised(A: Array) -> tuple[Complex, Complex, Complex]:
     return poles, V, np.linalg.inv(V)
 
 
-def _ends(m: int) -> Array:
-    """Corners [k, m] of a box from -1 to 1, all or as many random ones."""
-    if m <= _CORNERS:
-        return np.array([*itertools.product((-1.0, 1.0), repeat=m)]).reshape(2**m, m)
-    return np.sign(np.random.default_rng(m).random((2**_CORNERS, m)) - 0.5)
-
-
-def _factors(changes: Array, of: Array, smallest: float) -> tuple[Array, Array, Array, Array]:
+def _factors(changes: Array, owners: Array, smallest: float) -> tuple[Array, Array, Array, Array]:
     """Changes [k, n, n] as products of columns [n, rank] and rows [rank, n]; the changes that these are, without what
-    is smaller than `smallest`; and the values [rank, count] that each belongs to.
+    is smaller than `smallest`; and the values [rank, count] that each belongs to, of those of `changes`.
     """
-    k, n, _ = changes.shape
-    kept = np.zeros_like(changes)
-    columns, rows = [np.zeros((n, 0))], [np.zeros((0, n))]
-    owners = []
+    n = changes.shape[1]
+    U, sizes, V = np.linalg.svd(changes)
     least = max(_RANK * float(np.abs(changes).max(initial=0.0)), smallest)
-    for i in range(k):
-        if np.abs(changes[i]).max() <= least:
-            continue
-        U, sizes, V = np.linalg.svd(changes[i])
-        rank = int(np.sum(sizes > max(_RANK * sizes[0], least)))
-        root = np.sqrt(sizes[:rank])
-        columns.append(U[:, :rank] * root)
-        rows.append(V[:rank] * root[:, None])
-        kept[i] = columns[-1] @ rows[-1]
-        owners += [of[i]] * rank
-    return np.hstack(columns), np.vstack(rows), kept, np.array(owners).reshape(len(owners), of.shape[1])
+    taken = sizes > np.maximum(least, _RANK * sizes.max(axis=1, initial=0.0, keepdims=True))
+    roots = np.sqrt(np.where(taken, sizes, 0.0))
+    columns = U * roots[:, None, :]
+    rows = V * roots[:, :, None]
+    of = np.repeat(owners, taken.sum(axis=1), axis=0)
+    return np.swapaxes(columns, 1, 2)[taken].T.reshape(n, -1), rows[taken].reshape(-1, n), columns @ rows, of
 
 
-def _examined(box: _Box, region: _Region) -> tuple[int, Array | None, float]:
-    """Examine the edge: number of cells; None if it is proved, else how much each value contributes; the largest
-    size of E over the distance of an eigenvalue.
-    """
-    products = (box.right[:, None, :] * box.left.T[None, :, :]).reshape(-1, len(box.poles)).T
-    far = region.top if region.period else _FAR * max(float(np.abs(box.poles).max(initial=0.0)), 1e-300)
-    taken = 0
-    largest = 0.0
-    if region.top == math.inf:
-        far, bound = _farthest(box, far)
-        if not bound:
-            return taken, _contributions(box, _beyond(box, far)), largest
-    for piece in region.edge(far):
-        cells = _first(piece, box.poles, region.period)
-        for _ in range(_HALVED):
-            taken += len(cells)
-            B, at_middle, share = _bounds(box, region.period, piece, cells, products)
-            below, above = _roots(B)
-            fails = (_roots(at_middle)[0] >= 1.0) & (below >= 1.0)
-            if fails.any() or taken > _CELLS:
-                worst = int(np.argmax(np.where(fails, below, 0.0) if fails.any() else below))
-                return taken, _contributions(box, at_middle[worst] if fails.any() else B[worst]), largest
-            open_ = above >= 1.0
-            largest = max(largest, float(share[~open_].max(initial=0.0)))
-            cells = cells[open_]
-            if not len(cells):
-                break
-            middles = cells.mean(axis=1)
-            cells = np.vstack([np.column_stack([cells[:, 0], middles]), np.column_stack([middles, cells[:, 1]])])
-        else:
-            return taken, _contributions(box, B[int(np.argmax(above))]), largest
-    return taken, None, largest
-
-
-def _first(piece: tuple[complex, complex], poles: Complex, period: float) -> Complex:
+def _first(piece: tuple[complex, complex], rates: Complex) -> Complex:
     """The first cells [k, 2] of a piece: ends at distances from each eigenvalue that grow with its own distance."""
     begin, end = piece
-    rates = poles
-    if period:
-        lasting = np.where(np.abs(poles) > VANISHED, poles, VANISHED).astype(np.complex128)
-        rates = np.asarray(np.log(lasting) / period, dtype=np.complex128)
-    along = (end - begin) / abs(end - begin)
-    offset = (rates - begin) * np.conj(along)
-    widths = np.abs(offset.imag) + 1e-9 * abs(end - begin)
-    places = [offset.real + sign * factor * widths for factor in _AROUND for sign in (-1.0, 1.0)]
-    inner = np.concatenate(places) / abs(end - begin)
-    ends = np.unique(np.concatenate([[0.0, 1.0], inner[(inner > 0.0) & (inner < 1.0)]]))
-    points = begin + (end - begin) * ends
+    length = abs(end - begin)
+    offset = (rates - begin) * np.conj((end - begin) / length)
+    widths = np.abs(offset.imag) + 1e-9 * length
+    inner = np.concatenate([offset.real + factor * widths for factor in (*_AROUND, *(-each for each in _AROUND))])
+    ends = np.unique(np.concatenate([[0.0, length], inner[(inner > 0.0) & (inner < length)]]))
+    points = begin + (end - begin) * (ends / length)
     return np.column_stack([points[:-1], points[1:]])
 
 
-def _bounds(
-    box: _Box, period: float, piece: tuple[complex, complex], cells: Complex, products: Complex
-) -> tuple[Array, Array, Array]:
+def _bounds(part: _Part, region: Region, cells: Complex, pairs: Complex) -> tuple[Array, Array, Array]:
     """For each cell the matrix B [cell, change + 1, change + 1], that of its middle, and E over the distance."""
-    ends = np.exp(cells * period) if period else cells
-    middles = np.exp(cells.mean(axis=1) * period) if period else cells.mean(axis=1)
-    radius = np.abs(ends - middles[:, None]).max(axis=1)[:, None]
-    distance = np.abs(middles[:, None] - box.poles)
-    nearest = np.maximum(distance - radius, _apart(box.poles, piece, period))
-    resolvent = 1.0 / (middles[:, None] - box.poles)
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        rest = (radius / distance) ** _TAYLOR / nearest
-        rest = np.where(np.isfinite(rest), rest, np.inf)
-        closest = 1.0 / nearest
-    exact = resolvent @ products
-    total = np.abs(exact)
+    middles = region.points(cells.mean(axis=1))[:, None]
+    radius = np.abs(region.points(cells) - middles).max(axis=1)[:, None]
+    apart = middles - part.poles
+    apart = np.where(np.abs(apart) > _TOUCHES, apart, _TOUCHES)
+    distance = np.abs(apart)
+    resolvent = 1.0 / apart
+    closest = 1.0 / np.maximum(distance - radius, _TOUCHES)
+    exact = resolvent @ pairs
+    total = np.abs(exact) + np.minimum(radius / distance, 1.0) ** _TAYLOR * closest @ np.abs(pairs)
     term = resolvent
     for power in range(1, _TAYLOR):
         term = term * resolvent
-        total = total + radius**power * np.abs(term @ products)
-    total = total + np.minimum(rest, 1e200) @ np.abs(products)
-    closest = np.minimum(closest, 1e150)
-    return (
-        _bordered(box, total, closest),
-        _bordered(box, np.abs(exact), 1.0 / distance),
-        box.rest * closest.max(axis=1),
-    )
+        total = total + radius**power * np.abs(term @ pairs)
+    at_middle = _bordered(part, np.abs(exact), 1.0 / distance)
+    return _bordered(part, total, closest), at_middle, part.rest * closest.max(axis=1)
 
 
-def _apart(poles: Complex, piece: tuple[complex, complex], period: float) -> Array:
-    """A distance [n] that eigenvalues keep from a whole piece of the edge."""
-    begin, end = piece
-    upright = begin.real == end.real
-    if period:
-        apart = np.abs(np.abs(poles) - math.exp(begin.real * period)) * upright
-    else:
-        apart = np.abs(poles.real - begin.real) if upright else np.abs(poles.imag - begin.imag)
-    return np.asarray(apart)
-
-
-def _bordered(box: _Box, changes: Array, closest: Array) -> Array:
+def _bordered(part: _Part, changes: Array, closest: Array) -> Array:
     """B of |R G L| [cell, change * change] and of bounds [cell, n] of |1 / (s - lambda)|."""
-    k = len(box.right)
+    k = len(part.right)
     B = np.empty((len(changes), k + 1, k + 1))
     B[:, :k, :k] = changes.reshape(len(changes), k, k)
-    B[:, :k, k] = np.sqrt(closest**2 @ (np.abs(box.right) ** 2).T)
-    B[:, k, :k] = box.rest * np.sqrt(closest**2 @ np.abs(box.left) ** 2)
-    B[:, k, k] = box.rest * closest.max(axis=1)
+    B[:, :k, k] = np.sqrt(closest**2 @ (np.abs(part.right) ** 2).T)
+    B[:, k, :k] = part.rest * np.sqrt(closest**2 @ np.abs(part.left) ** 2)
+    B[:, k, k] = part.rest * closest.max(axis=1)
     return B
-
-
-def _beyond(box: _Box, far: float) -> Array:
-    """B of all that lies beyond a distance [rad/s]: [change + 1, change + 1]."""
-    closest = 1.0 / (far - np.abs(box.poles))[None]
-    products = np.abs(box.right[:, None, :] * box.left.T[None, :, :]).reshape(-1, len(box.poles)).T
-    return np.asarray(_bordered(box, closest @ products, closest)[0])
-
-
-def _farthest(box: _Box, far: float) -> tuple[float, bool]:
-    """A distance [rad/s] beyond which no rig has an eigenvalue; False if none is found."""
-    for _ in range(_FARTHEST):
-        if _roots(_beyond(box, far)[None])[1][0] < 1.0:
-            return far, True
-        far *= 4.0
-    return far, False
 
 
 def _roots(B: Array) -> tuple[Array, Array]:
@@ -487,10 +425,10 @@ def _roots(B: Array) -> tuple[Array, Array]:
     return below, above
 
 
-def _contributions(box: _Box, B: Array) -> Array:
+def _contributions(part: _Part, B: Array) -> Array:
     """How much each uncertain value contributes to the Perron root of B [change + 1, change + 1]."""
-    values, vectors = np.linalg.eig(np.minimum(B, 1e100))
-    right = np.abs(vectors[:, int(np.argmax(values.real))])
-    values, vectors = np.linalg.eig(np.minimum(B, 1e100).T)
-    left = np.abs(vectors[:, int(np.argmax(values.real))])
-    return np.asarray((left * right)[:-1] @ box.of if len(box.of) else np.ones(box.of.shape[1]))
+    from scipy.linalg import eig
+
+    values, left, right = eig(np.minimum(B, 1e100), left=True)
+    i = int(np.argmax(values.real))
+    return np.asarray(np.abs(left[:, i] * right[:, i]) @ part.of)

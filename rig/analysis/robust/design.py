@@ -1,22 +1,23 @@
 """The robust design: designs polished over a growing set of worst rigs, until no worse rig is found.
 
-    designs from Latin hypercube points, the best of them polished against the set of rigs (rig.analysis.robust.polish)
+    designs from Latin hypercube points, the best of them polished against the set of rigs (rig.analysis.robust.descent)
     worst rig of the best one (rig.analysis.robust.worst); if it is worse than stated, it joins the set
     audit: random rigs of the box; if one is worse than stated, its ascent joins the set
 
-The nominal optimum is the same with the nominal rig alone.
+The nominal optimum is the same with the nominal rig alone. A tolerance is the largest width of the box that a design
+holds: whose worst rig grows by no more than a target, which is 0 or minus a decay.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.robust.polish import beyond
+from rig.analysis.robust.descent import beyond
 from rig.analysis.robust.tasks import Found, Region, Tasks
 from rig.analysis.robust.worst import Worst, ascended, whole, worst
 
@@ -31,6 +32,10 @@ _ROUNDS = 16  # worst rigs that join the set, at most
 _SAME = 0.01  # of the growth: a worst rig that is worse by less is no news
 _AUDITS = 3
 _SURE = 1e-9
+_MOST = 64.0  # largest factor of a tolerance that is tried
+_EXACT = 0.01  # of the factor, at which the bisection ends
+_LEAST = 1e-3  # factor below which nothing can be held
+_BACK = 0.98  # factor after an audit that has found a worse rig
 
 
 class Designed(NamedTuple):
@@ -126,3 +131,62 @@ def _starts(tasks: Tasks, U: Array, count: int, seed: int) -> Array:
     values = every.growth.reshape(len(X), len(U)).max(axis=1)
     values = values + [beyond(x, tasks.limits) for x in X]
     return np.asarray(X[np.argsort(values, kind="stable")[:count]])
+
+
+def region_of(tasks: Tasks, number: int | None, factor: float) -> Region:
+    """Return the box with all ranges (None), or with that of one uncertain value, `factor` times as wide."""
+    centre = tasks.growth.box.centre
+    factors = np.ones(len(centre))
+    factors[slice(None) if number is None else number] = factor
+    return Region(centre * (1.0 - factors), centre + factors * (1.0 - centre))
+
+
+def tolerance(
+    tasks: Tasks, seed: int, number: int | None, target: float, also: list[Array]
+) -> tuple[float, Designed | None]:
+    """Return the largest factor of all ranges (`number` None), or of one, at which no rig grows by more than `target`
+    [1/s], and its design; 0 and None if not even a box without width can be held.
+
+    The factor is found by bisection, with a robust design at each width of the box.
+    """
+
+    def held(factor: float, audited: bool = False) -> Designed | None:
+        region = region_of(tasks, number, factor)
+        found = robust(tasks, seed, also, region, audited, target)
+        if not found.worst.growth <= target:
+            return None
+        also.insert(0, found.x)
+        return found
+
+    low, high, best = _bracket(held)
+    if best is None:
+        return 0.0, None
+    while high - low > _EXACT * low and high > low:
+        middle = 0.5 * (low + high)
+        found = held(middle)
+        if found is None:
+            high = middle
+        else:
+            low, best = middle, found
+    while low > _LEAST:
+        found = held(low, audited=True)
+        if found is not None:
+            return low, found
+        low *= _BACK
+    return 0.0, None
+
+
+def _bracket(held: Callable[[float], Designed | None]) -> tuple[float, float, Designed | None]:
+    """A factor that is held with its design, and one that is not."""
+    low, high = 0.0, 1.0
+    best = None
+    found = held(high)
+    while found is not None and high <= _MOST:
+        low, best = high, found
+        high *= 2.0
+        found = held(high)
+    while best is None and high > _LEAST:
+        low = 0.5 * high
+        best = held(low)
+        high = high if best is not None else low
+    return low, high, best

@@ -1,9 +1,13 @@
-"""The figure of a robust design: the growth of random rigs as histograms, eigenvalues of worst rigs in the plane."""
+"""The figure of a robust design: the growth of random rigs as histograms, eigenvalues of worst rigs in the plane.
+
+With a proof in time also the envelopes of the runs, each design beside the other, with the slopes of the eigenvalues.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from rig.analysis.robust.in_time import Timed
     from rig.analysis.robust.result import RobustResult
     from rig.analysis.robust.search import Entry
 
@@ -31,16 +36,40 @@ def robust_figure(result: RobustResult) -> Figure:
     every = np.concatenate([growth[np.isfinite(growth)] for growth in growths.values()])
     if not every.size:
         raise UsageError("nothing to draw: no rig of the audit has a growth")
-    with page(9.6, 7.2, f"{result.job.scene.name}: growth of the rigs of the box", layout="constrained") as figure:
-        top, below = figure.subplots(2, 1)
-        bins = np.linspace(every.min(), every.max() or 1e-9, _BINS) if np.ptp(every) else 3
+    designs = list(dict.fromkeys(run.design for run in result.timed))
+    rows = 3 if designs else 2
+    title = f"{result.job.scene.name}: growth of the rigs of the box"
+    with page(9.6, 3.6 * rows, title, layout="constrained") as figure:
+        grid = figure.add_gridspec(rows, max(len(designs), 1))
+        top, below = (figure.add_subplot(grid[row, :]) for row in range(2))
+        bins: Any = np.linspace(every.min(), every.max() or 1e-9, _BINS) if np.ptp(every) else 3
         for (name, growth), colour in zip(growths.items(), _COLOURS):
             top.hist(growth[np.isfinite(growth)], bins, color=colour, alpha=0.6, label=name)
         top.axvline(0.0, color="0.3", lw=0.8)
         top.set(xlabel="growth rate [1/s]", ylabel="rigs [1]")
         top.legend(loc="best")
         _plane(below, result.found.entries[: len(growths)], result.job.band, float(every.min()))
+        beside = None
+        for column, design in enumerate(designs):
+            beside = figure.add_subplot(grid[2, column], sharey=beside)
+            _envelopes(beside, [run for run in result.timed if run.design == design], _COLOURS[column])
     return figure
+
+
+def _envelopes(axes: Axes, runs: Sequence[Timed], colour: str) -> None:
+    """Envelopes of a design with the nominal and the worst rig; dashed: as the eigenvalue grows."""
+    for run, width in zip(runs, (0.8, 1.8)):
+        times = np.array(run.times)
+        amplitudes = np.array(run.amplitudes)
+        axes.plot(times, amplitudes, color=colour, lw=width, label=f"{run.design}, {run.rig} rig")
+        used = (times >= run.begin) & (times <= run.end) & (amplitudes > 0.0)
+        if used.any():
+            middle = 0.5 * (run.begin + run.end)
+            level = np.exp(np.interp(middle, times[used], np.log(amplitudes[used])))
+            line = level * np.exp(run.expected * (times[used] - middle))
+            axes.plot(times[used], line, "--", color="0.2", lw=0.8, label=f"eigenvalue, {run.expected:.3g} 1/s")
+    axes.set(yscale="log", xlabel="time [s]", ylabel=f"amplitude of {runs[0].output} [{runs[0].unit_of_output}]")
+    axes.legend(loc="best")
 
 
 def _plane(axes: Axes, entries: tuple[Entry, ...], band: tuple[float, float], least: float) -> None:

@@ -34,6 +34,7 @@ from rig.design import numbers
 from rig.design.linearised import linear
 from rig.errors import RigError, SceneError, Singular
 from rig.model.assembly import Assembly
+from rig.scenes.belief import varied
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady
@@ -103,7 +104,7 @@ class Growth:
 
         Raises SceneError if the scene refuses them.
         """
-        return unknown(self.designed(design), values)
+        return varied(self.designed(design), values, by_operator=False)
 
     def designed(self, design: Mapping[str, float]) -> Scene:
         """The scene with the values (SI) of a design, which its controllers know."""
@@ -237,18 +238,3 @@ class Growth:
 def _held(scene: Scene) -> dict[str, str]:
     """The actuators of a plant whose command is a state of its own."""
     return dict.fromkeys(assembled(scene.parameters, scene.frame_ns, random=False).inputs, "held")
-
-
-def unknown(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return the scene with `values` (SI) of the rig that its controllers are not told of, unless they are designed
-    anew for each rig. Raises SceneError.
-    """
-    made = scene.with_values(values)
-    if scene.redesign or not scene.controllers:
-        return made
-    stated = scene.values()
-    believed = dict(scene.believed)
-    for key in values:
-        if not key.startswith("controllers."):
-            believed.setdefault(key, stated[key][0] if key in stated else None)
-    return replace(made, believed=believed)

@@ -7,7 +7,8 @@ started again, it reads the results that its folder contains already and continu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,19 +16,18 @@ from typing import Any
 import scipy
 
 from rig.analysis.pool import Arrays, Progress, Store, Work, digest, pool
-from rig.analysis.robust.box import Box
+from rig.analysis.robust.box import Box, Limit
 from rig.analysis.robust.design import AUDIT, FIRST
 from rig.analysis.robust.growth import LOOP, MODES, Growth
-from rig.analysis.robust.limits import Limit, limits
 from rig.analysis.robust.series import checked
-from rig.analysis.robust.stated import box
-from rig.analysis.robust.tasks import Tasks, Units, compute
+from rig.analysis.robust.stated import box, limits, number, two_ends
+from rig.analysis.robust.tasks import Computer, Tasks, Units
 from rig.analysis.studies.factors import Identified
 from rig.analysis.studies.runs import MOST, first_seed
 from rig.controllers import controller_class
 from rig.errors import Faults, UsageError, WorkerError
 from rig.scenes.scene import Scene
-from rig.units import brief, number_or_text, parted, si, with_units
+from rig.units import brief
 
 TOLERANCE = "tolerance"
 _MEASURES = f"{MODES} or {LOOP} to minimise, or {TOLERANCE} or {TOLERANCE}.KEY to maximise"
@@ -93,16 +93,16 @@ class _Unit:
 
     def __init__(self, job: Job) -> None:
         self._job = job
-        self._growth: Growth | None = None
+        self._computer: Computer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"_job": self._job, "_growth": None}
+        return {"_job": self._job, "_computer": None}
 
     def __call__(self, unit: int, *given: float) -> Arrays:
         """Return the result of a unit, for the numbers that it is given."""
-        if self._growth is None:
-            self._growth = self._job.grown()
-        return compute(self._growth, self._job.limits, given)
+        if self._computer is None:
+            self._computer = Computer(self._job.grown(), self._job.limits)
+        return self._computer(given)
 
 
 def prepared(
@@ -129,16 +129,21 @@ def prepared(
     values = stated or Box((), ())
     nothing: tuple[str, str | None] = (MODES, None)
     measure, key = faults(lambda: _measure(scene, values, minimise, maximise), nothing)
-    ends = faults(lambda: _band(band), (0.0, math.inf))
+    within = faults(lambda: _band(band), (0.0, math.inf))
     kept: tuple[Limit, ...] = () if stated is None else faults(lambda: limits(values, limit or ()), ())
     least = faults(lambda: _decay(decay, key), 0.0)
     first = faults(lambda: first_seed(scene, seed), 0)
     components = "" if stated is None else faults(lambda: checked(series, values), "")
+    if components and key is not None:
+        faults.found.append(
+            "series: a design at the edge of a tolerance holds with no other values; state the tolerance with "
+            "--against and minimise the growth"
+        )
     if not faults.found:
         faults.found += _useless(scene, values, measure)
         faults.found += _no_tolerance(values, key)
     faults.raise_found()
-    return Job(scene, values, measure, ends, kept, key, least, first, components)
+    return Job(scene, values, measure, within, kept, key, least, first, components)
 
 
 def _measure(scene: Scene, values: Box, minimise: Any, maximise: Any) -> tuple[str, str | None]:
@@ -167,23 +172,13 @@ def _band(given: Any) -> tuple[float, float]:
     """The band [Hz]. Raises UsageError."""
     if given is None:
         return 0.0, math.inf
-    parts = given.split(":") if isinstance(given, str) else list(given)
     try:
-        if len(parts) != 2:
-            raise ValueError(_BANDS)
-        if isinstance(given, str):
-            parts = with_units([part.strip() for part in parts])
-        low, high = (si(_plain(part), "Hz") for part in parts)
+        low, high, _ = two_ends(given, "Hz", _BANDS)
     except ValueError as fault:
-        raise UsageError(f"band {brief(given)}: {fault}; {_BANDS}") from None
+        raise UsageError(f"band {brief(given)}: {fault}") from None
     if not 0.0 <= low < high:
         raise UsageError(f"band {brief(given)}: from {low:g} Hz to {high:g} Hz; it must rise, from 0 Hz or more")
     return low, high
-
-
-def _plain(given: Any) -> Any:
-    """A text without a unit as a number in SI."""
-    return given if not isinstance(given, str) or parted(given)[1] else number_or_text(given)
 
 
 def _decay(given: Any, key: str | None) -> float:
@@ -193,10 +188,10 @@ def _decay(given: Any, key: str | None) -> float:
     if key is None:
         raise UsageError("decay: belongs to a tolerance (--maximise tolerance); a growth is made as small as possible")
     try:
-        decay = si(_plain(given), "1/s")
+        decay = number(given, "1/s")
     except ValueError as fault:
         raise UsageError(f"decay: {fault}") from None
-    if not 0.0 <= decay < math.inf:
+    if decay < 0.0:
         raise UsageError(f"decay = {decay:g} 1/s: must be at least 0")
     return decay
 
@@ -226,15 +221,16 @@ def _no_tolerance(values: Box, key: str | None) -> list[str]:
     return faults
 
 
-def carried_out(
+@contextmanager
+def opened(
     job: Job,
-    search: Callable[[Tasks], Any],
     root: Path,
     workers: int | None = None,
     progress: Progress | None = None,
     cluster: str = "",
-) -> tuple[Any, Path]:
-    """Carry out a search over the units of a job; return its result and the folder of its units.
+    first: int = 0,
+) -> Iterator[tuple[Tasks, Path]]:
+    """Open the units of a job, from number `first` on, and their folder.
 
     Raises UsageError, WorkerError as a study does; what is finished stays.
     """
@@ -259,7 +255,5 @@ def carried_out(
                 raise WorkerError(f"{next(iter(processes.failed.values()))}{store.kept}")
             return [rows.pop(unit) for unit in asked]
 
-        tasks = Tasks(job.grown(), job.limits, carry_out)
-        found = search(tasks)
-        say(job.expected, job.expected)
-        return found, store.folder
+        tasks = Tasks(job.grown(), job.limits, carry_out, first)
+        yield tasks, store.folder

@@ -10,20 +10,20 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.analysis.robust.box import Uncertain
-from rig.analysis.robust.certificate import PROVED, REFUTED, Certificate
-from rig.analysis.robust.growth import LOOP, Growth, Matrix, NoSliding
+from rig.analysis.robust import in_time
+from rig.analysis.robust.growth import LOOP, NoSliding
+from rig.analysis.robust.in_time import Timed
 from rig.analysis.robust.job import Job
+from rig.analysis.robust.proof import PROVED, REFUTED, Certificate
 from rig.analysis.robust.search import NOMINAL, ROBUST, SCENE, Entry, Findings, confidence
 from rig.printable import counted
 from rig.results import Column, Result, Table
 from rig.scenes.belief import lines as belief_lines
 from rig.scenes.left_out import left_out
 
-Array = NDArray[np.float64]
-_END = 0.01  # of a range: nearer to an end, the range limits the design
+_END = 1e-3  # of a range: nearer to an end, the range limits the design
+_NEWS = 0.01  # of the box or of a growth: what differs by less is the same rig, or no worse
 _LISTED = 5  # worst rigs
 _DIGITS = ".10g"  # of designed values: the worst rig is steep in them
 DESIGNED = "designed"
@@ -46,6 +46,9 @@ class RobustResult(Result):
     folder: Path
     certificate: Certificate | None = None
     """Of the whole box, if it was asked for."""
+    timed: tuple[Timed, ...] = ()
+    """Runs of nominal and worst rigs, if a proof was asked for, and why there is none or not all of it."""
+    untimed: str = ""
 
     @property
     def entries(self) -> dict[str, Entry]:
@@ -73,22 +76,15 @@ class RobustResult(Result):
         return math.isfinite(self.worst) and not self.found.factor == 0.0
 
     @cached_property
-    def _growth(self) -> Growth:
-        return self.job.grown()
+    def tolerances(self) -> dict[str, str]:
+        """The ranges of the uncertain values that the design is for, as texts by key."""
+        ends = zip(self.job.box.uncertain, *self.found.region)
+        return {value.key: value.text(float(low), float(high)) for value, low, high in ends}
 
-    def matrix(self, u: Array) -> Matrix:
-        """The matrix of a rig with the designed values: u [uncertain], from 0 to 1 over the box that it is for.
-
-        Raises NoSliding.
-        """
-        region = self.found.region
-        return self._growth.matrix(self.found.design.x, region.low + (region.high - region.low) * u)
-
-    def tolerance(self, value: Uncertain) -> str:
-        """The range of an uncertain value that the design is for, as text."""
-        i = self.job.box.uncertain.index(value)
-        region = self.found.region
-        return value.text(float(region.low[i]), float(region.high[i]))
+    @property
+    def growing(self) -> int:
+        """How many rigs of the audit grow."""
+        return int(np.sum(self.found.audit.growth > 0.0))
 
     def worst_values(self, entry: Entry, number: int = 0) -> dict[str, float]:
         """The uncertain values (SI) of a worst rig of a design by key."""
@@ -113,9 +109,15 @@ class RobustResult(Result):
         yield ""
         yield self._rigs()
         yield ""
+        if self.timed:
+            yield in_time.table(self.timed)
+            yield ""
         yield from (f"  {line}" for line in self._components())
         yield from (f"  {line}" for line in self._sure())
         yield from (f"  {line}" for line in self._proof())
+        yield from (f"  {line}" for line in in_time.lines(self.timed))
+        if self.untimed:
+            yield f"  the proof in time is not complete: {self.untimed}"
         yield from (f"  {line}" for line in self._notes())
 
     def _headline(self) -> str:
@@ -136,13 +138,13 @@ class RobustResult(Result):
         if i is None:
             return f"{job.scene.name}: {none} {wanted} up to {self.factor:.4g} times all ranges"
         value = job.box.uncertain[i]
-        return f"{job.scene.name}: {none} {wanted} with {value.key} {self.tolerance(value)}"
+        return f"{job.scene.name}: {none} {wanted} with {value.key} {self.tolerances[value.key]}"
 
     def _fault(self) -> str:
         """Why the worst rig has no growth, and which it is."""
         at = ", ".join(f"{key} = {value:.6g}" for key, value in self.worst_values(self.found.entries[0]).items())
         try:
-            self._growth.matrix(self.found.design.x, self.found.design.worst.u)
+            self.job.grown().matrix(self.found.design.x, self.found.design.worst.u)
         except NoSliding as fault:
             return f"{fault} ({at}); make the range smaller"
         return at
@@ -170,13 +172,12 @@ class RobustResult(Result):
         numbers = [Column(name, digits=_DIGITS) for name in (DESIGNED, NOMINAL, SCENE)]
         columns = (Column("free"), *numbers, Column("unit"), Column("tolerance"), Column("note"))
         rows = []
-        tolerances = {value.key: self.tolerance(value) for value in self.job.box.uncertain}
         named = {entry.name: self.job.box.design(entry.x) for entry in self.found.entries}
         for axis, share in zip(self.job.box.free, self.found.design.x):
             at = [named[name][axis.key] / axis.scale if name in named else None for name in (ROBUST, NOMINAL, SCENE)]
             note = "at the end of its range: a wider one may hold a better design" if _ends(share) else ""
             unit = "" if axis.shown == "1" else axis.shown
-            rows.append((axis.key, *at, unit, tolerances.get(axis.key, ""), note))
+            rows.append((axis.key, *at, unit, self.tolerances.get(axis.key, ""), note))
         return Table("values", columns, rows)
 
     def _designs(self) -> Table:
@@ -202,7 +203,7 @@ class RobustResult(Result):
         for value, relief, percent in zip(self.job.box.uncertain, self.found.relief, self.found.percent):
             unit = "" if value.axis.shown == "1" else value.axis.shown
             at = values[value.key] / value.axis.scale
-            rows.append((value.key, self.tolerance(value), at, unit, *map(_finite, (relief, percent))))
+            rows.append((value.key, self.tolerances[value.key], at, unit, *map(_finite, (relief, percent))))
         return Table("uncertain", columns, rows)
 
     def _rigs(self) -> Table:
@@ -212,7 +213,7 @@ class RobustResult(Result):
         rows: list[tuple[Any, ...]] = []
         seen: list[Any] = []
         for number, u in enumerate(bad.rigs[:_LISTED]):
-            if any(np.abs(u - other).max() < _END for other in seen):
+            if any(np.abs(u - other).max() < _NEWS for other in seen):
                 continue
             seen.append(u)
             at = self.worst_values(self.found.entries[0], number)
@@ -247,11 +248,13 @@ class RobustResult(Result):
         limit = f"no rig of the box grows by more than {certificate.limit:g} 1/s"
         what = limit if certificate.limit else "no rig of the box grows"
         boxes = counted(certificate.boxes, "part")
+        if any(value.step for value in self.job.box.uncertain):
+            boxes += ", every delay of whole frames among them"
         if certificate.verdict == PROVED:
             yield f"proved: {what} (the box in {boxes})"
             yield (
                 f"  it rests on the matrix as a polynomial of degree {certificate.degree}, error "
-                f"{certificate.error:.1e} of its largest entry, and on what each box leaves out of it"
+                f"{certificate.error:.1e} of its largest entry"
             )
         elif certificate.verdict == REFUTED and certificate.rig is not None:
             rig = self.job.box.rig(self.values, certificate.rig)
@@ -268,9 +271,9 @@ class RobustResult(Result):
         """What the audit says."""
         growth = self.found.audit.growth
         count = len(growth)
-        grow = int(np.sum(growth > 0.0))
-        worse = int(np.sum(growth > self.found.design.worst.growth * (1.0 + math.copysign(_END, self.worst))))
-        yield f"audit: {grow} of {count} random rigs grow; the worst of them with {_text(float(growth.max()))} 1/s"
+        worse = int(np.sum(growth > self.found.design.worst.growth * (1.0 + math.copysign(_NEWS, self.worst))))
+        largest = _text(float(growth.max()))
+        yield f"audit: {self.growing} of {count} random rigs grow; the worst of them with {largest} 1/s"
         if not worse:
             share = 100.0 * confidence(count)
             yield f"none is worse than stated: with 99.9 % confidence less than {share:.2g} % of all rigs are"
@@ -322,7 +325,7 @@ class RobustResult(Result):
             "seed": job.seed,
             "parameters": self.values,
             "ranges": {axis.key: list(axis.values) for axis in job.box.free},
-            "tolerances": {value.key: self.tolerance(value) for value in job.box.uncertain},
+            "tolerances": self.tolerances,
             "worst": _finite(self.worst),
             "worst_rig": self.worst_values(found.entries[0]),
             "factor": _finite(found.factor),
@@ -331,12 +334,14 @@ class RobustResult(Result):
             "evaluations": found.assembled,
             "audit": {
                 "rigs": len(growth),
-                "growing": int(np.sum(growth > 0.0)),
+                "growing": self.growing,
                 "worst": _finite(float(growth.max())),
                 "share_that_can_be_worse": confidence(len(growth)),
             },
             "series": self._rounded_facts(),
             "certificate": self._certificate_facts(),
+            "in_time": in_time.facts(self.timed),
+            "not_in_time": self.untimed,
             "without_influence": list(found.idle),
             "at_the_edge": list(found.edges),
             "belief": list(self._remarks()),
@@ -361,7 +366,6 @@ class RobustResult(Result):
         if certificate is None:
             return None
         facts = asdict(certificate)
-        del facts["seconds"]
         facts["rig"] = None if certificate.rig is None else self.job.box.rig(self.values, certificate.rig)
         return facts
 

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.pool import Progress
-from rig.analysis.robust.design import Designed, audited, nominal_optimum, robust
+from rig.analysis.robust.design import Designed, audited, nominal_optimum, region_of, robust, tolerance
 from rig.analysis.robust.growth import Growth, NoSliding, Piece
-from rig.analysis.robust.job import Job, carried_out
+from rig.analysis.robust.job import Job, opened
 from rig.analysis.robust.series import Rounded, rounded
 from rig.analysis.robust.tasks import Found, Region, Tasks
-from rig.analysis.robust.tolerance import region_of, tolerance
 from rig.analysis.robust.worst import Worst, ascended, whole, worst
 from rig.errors import SceneError, UsageError
 
@@ -26,6 +25,7 @@ SCENE = "scene"
 NOMINAL = "nominal optimum"
 ROBUST = "robust"
 _IDLE = 1e-9  # 1/s over a whole range: less is no influence
+_STUCK = 1e-3  # of the growth of a mode over a whole range: less does not move it
 _EDGE = 0.02  # of the frequency of an edge of the band: modes nearer to it are named
 _PERCENT = 0.01
 _DRAWN = 5  # worst rigs of a design that are listed
@@ -54,7 +54,7 @@ class Findings(NamedTuple):
     of its value wider, a delay a frame. `idle`: keys without influence. `stuck`: frequency of the mode that limits
     every design and moves with none. `edges`: frequencies [Hz] of modes beside an edge of the band. `rounded`: to
     components of a series, which the robust design then has.
-    `assembled`: number of rigs.
+    `assembled`: number of rigs; `units`: of units of work.
     """
 
     entries: tuple[Entry, ...]
@@ -69,6 +69,7 @@ class Findings(NamedTuple):
     stuck: float
     edges: tuple[float, ...]
     assembled: int
+    units: int
     rounded: Rounded | None = None
 
 
@@ -79,7 +80,11 @@ def find(
 
     Raises UsageError, SceneError for a box without steady sliding or a band without modes, WorkerError.
     """
-    return carried_out(job, lambda tasks: _find(job, tasks), root, workers, progress, cluster)
+    with opened(job, root, workers, progress, cluster) as (tasks, folder):
+        found = _find(job, tasks)
+    if progress is not None:
+        progress(job.expected, job.expected)
+    return found, folder
 
 
 def _find(job: Job, tasks: Tasks) -> Findings:
@@ -93,13 +98,14 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         _check_rig(job, tasks.growth, optimum)
     also = [x for x in (optimum, own) if x is not None and ((x >= 0.0) & (x <= 1.0)).all()]
     factor = math.nan
-    if job.tolerance is None:
-        design = robust(tasks, job.seed, also, region)
-    else:
-        found = tolerance(tasks, job.seed, job.number, job.target, list(also))
-        factor = 0.0 if found is None else found.factor
+    held = None
+    if job.tolerance is not None:
+        factor, held = tolerance(tasks, job.seed, job.number, job.target, list(also))
         region = region_of(tasks, job.number, factor)
-        design = robust(tasks, job.seed, also, region) if found is None else found.design
+    design = held or robust(tasks, job.seed, also, region)
+    nominal = box.centre
+    if optimum is not None and tasks.growth.value(design.x, nominal) < tasks.growth.value(optimum, nominal):
+        optimum = tasks.polished(design.x[None], nominal[None])[0][0]  # a better one than its own search has found
     components = None
     if job.series:
         components = rounded(tasks, design.x, design.worst, design.rigs, region, job.limits, job.series)
@@ -127,6 +133,7 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         _stuck(tasks.growth, design),
         _edges(tasks.growth, entries),
         tasks.count,
+        tasks.next,
         components,
     )
 
@@ -243,7 +250,7 @@ def _stuck(growth: Growth, design: Designed) -> float:
     tones = set()
     for pieces in _pieces(growth, design, of_rig=False) if len(design.x) else ():
         top = max(pieces, key=lambda piece: (piece.inside, piece.rate.real))
-        if np.abs(top.slope).max() > _IDLE:
+        if np.abs(top.slope).max() > max(_IDLE, _STUCK * abs(top.rate.real)):
             return math.nan
         tones.add(round(abs(top.rate.imag) / (2.0 * math.pi), 3))
     return tones.pop() if len(tones) == 1 else math.nan

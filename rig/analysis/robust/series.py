@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.robust.box import Box
-from rig.analysis.robust.limits import Limit
+from rig.analysis.robust.box import Box, Limit
 from rig.analysis.robust.tasks import Region, Tasks
 from rig.analysis.robust.worst import Worst, worst
 from rig.errors import UsageError

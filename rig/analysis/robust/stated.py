@@ -12,20 +12,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.analysis.robust.box import TAIL, Box, Uncertain, ends_of
+from rig.analysis.robust.box import TAIL, Box, Limit, Uncertain, ends_of
 from rig.analysis.studies.factors import IDENTIFIED, Distribution, Identified
 from rig.errors import Faults, SceneError, UsageError
 from rig.scenes.axis import Axis, in_words, numbers, unknown
+from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.scenes.sections import is_set_point
 from rig.scenes.sections import parted as table_of
-from rig.units import brief, number_or_text, parted, si, with_units
+from rig.units import brief, number_or_text, parted, same_unit, si, with_units
 
 MOST = 8
 """Most uncertain values: two levels of all of them are 256 rigs."""
@@ -47,6 +48,10 @@ _WITHOUT = {
 }
 _SURROUNDINGS = ("drive", "friction", "load")  # uncertain only, but for set-points: nobody designs them
 _FRAMES = ("delay", "period")  # keys of a controller that take whole frames
+
+
+_TERM = re.compile(r"\s*(?P<sign>[+-]?)\s*(?:(?P<factor>\d[\d.]*(?:e[+-]?\d+)?)\s*\*?\s*)?(?P<key>[A-Za-z_][\w.]*)\s*")
+_LIMITS = 'expected a sum of free keys, "spring_1.damping + 2 * spring_2.damping < 0.6 N*s/m"'
 
 
 class _Range(NamedTuple):
@@ -96,20 +101,20 @@ def _free(scene: Scene, key: str, known: Mapping[str, str], given: Any) -> Axis:
     if why := _not_free(scene, key, unit):
         raise UsageError(f"over {key}: {why}")
     try:
-        low, high, shown = _two(given, unit)
+        low, high, shown = two_ends(given, unit)
+        if not low < high:
+            raise ValueError(f"the range must rise, from {low:g} {unit} upwards")
+        return _accepted(scene, Axis(key, unit, (low, high), shown, in_words(key, scene)))
     except ValueError as fault:
         raise UsageError(f"over {key}: {fault}") from None
-    if not low < high:
-        raise UsageError(f"over {key}: the range must rise, from {low:g} {unit} upwards")
-    return _accepted(scene, "over", Axis(key, unit, (low, high), shown, in_words(key, scene)))
 
 
-def _accepted(scene: Scene, option: str, axis: Axis) -> Axis:
-    """The axis, if the scene accepts its ends. Raises UsageError."""
+def _accepted(scene: Scene, axis: Axis) -> Axis:
+    """The axis, if the scene accepts its ends. Raises ValueError."""
     try:
         axis.check(scene, dict.fromkeys(axis.values))
     except ValueError as fault:
-        raise UsageError(f"{option} {axis.key} = {fault}") from None
+        raise ValueError(f"at {fault}") from None
     return axis
 
 
@@ -180,7 +185,7 @@ def _ranged(scene: Scene, key: str, unit: str, given: _Range, free: bool, stated
         raise ValueError("is 0 in this scene, and a share of it is 0 too; state a range FROM:TO")
     if given.absolute:
         low, high = low - nominal, high - nominal
-    step = scene.frame_ns * 1e-9 if key.endswith(".delay") else 0.0
+    step = _step(scene, key)
     bare = Uncertain(Axis(key, unit, (), given.shown), nominal, (low, high), given.relative, free, step)
     ends = sorted(bare.value(share, None) for share in (0.0, 1.0))
     if step:
@@ -191,7 +196,7 @@ def _ranged(scene: Scene, key: str, unit: str, given: _Range, free: bool, stated
             )
     axis = Axis(key, unit, (ends[0], ends[1]), given.shown, in_words(key, scene))
     if not free:  # of a design outside of the scene's own values the search finds out
-        axis = _accepted(scene, "against", axis)
+        axis = _accepted(scene, axis)
     return Uncertain(axis, nominal, (low, high), given.relative, free, step)
 
 
@@ -209,21 +214,31 @@ def _distributed(scene: Scene, key: str, unit: str, given: Any, free: bool, stat
         low, high = given.quantile(np.array(ends_of(given)), unit).tolist()
     if not low < high:
         raise ValueError(f"{given}: has no width")
+    step = _step(scene, key)
+    if step:
+        low = math.floor(low / step) * step
+        high = math.ceil(high / step) * step
     nominal = 0.5 * (low + high) if stated is None else float(stated)
-    axis = _accepted(scene, "against", Axis(key, unit, (low, high), unit, in_words(key, scene)))
-    return Uncertain(axis, nominal, (low - nominal, high - nominal), given=given)
+    axis = _accepted(scene, Axis(key, unit, (low, high), unit, in_words(key, scene)))
+    return Uncertain(axis, nominal, (low - nominal, high - nominal), step=step, given=given)
+
+
+def _step(scene: Scene, key: str) -> float:
+    """The step [s] of a value that takes whole frames; 0 of others."""
+    return scene.frame_ns * 1e-9 if key.endswith(".delay") else 0.0
 
 
 def _range(given: Any, unit: str) -> _Range:
     """What a user states of an uncertain value. Raises ValueError."""
+    if isinstance(given, list | tuple) and all(isinstance(part, str) for part in given):
+        given = ":".join(given)
     symmetric = _SYMMETRIC.fullmatch(given) if isinstance(given, str) else None
     if symmetric is not None:
         size = symmetric["size"].strip()
         share = _share(size)
         if share is not None:
             return _Range((-share, share), True, False, unit)
-        text = size if parted(size)[1] else number_or_text(size)
-        value = _finite(text, unit)
+        value = number(size, unit)
         return _Range((-value, value), False, False, parted(size)[1] or unit)
     if isinstance(given, str) and "%" in given and unit != "%":
         shares = [_share(part) for part in given.split(":")]
@@ -231,7 +246,7 @@ def _range(given: Any, unit: str) -> _Range:
             low, high = (float(share) for share in shares if share is not None)
             return _Range((low, high), True, False, unit)
         raise ValueError(f"is {brief(given)}; {_FORM}")
-    low, high, shown = _two(given, unit)
+    low, high, shown = two_ends(given, unit)
     return _Range((low, high), False, True, shown)
 
 
@@ -246,26 +261,75 @@ def _share(text: str) -> float | None:
     return value / 100.0
 
 
-def _two(given: Any, unit: str) -> tuple[float, float, str]:
-    """The two ends of a range "FROM:TO", or of two numbers, in SI, and the unit for output. Raises ValueError."""
-    form = f"is {brief(given)}; {_FORM}"
+def two_ends(given: Any, unit: str, form: str = _FORM) -> tuple[float, float, str]:
+    """Return both ends of a range "FROM:TO", or of two numbers, in SI, and the unit for output. Raises ValueError."""
+    form = f"is {brief(given)}; {form}"
+    shown = unit
     if isinstance(given, str):
         parts: Sequence[Any] = [part.strip() for part in given.split(":")]
         if len(parts) != 2 or not all(parts) or "," in given:
             raise ValueError(form)
         units = {parted(part)[1] for part in parts} - {"", "1"}
-        parts = [text if parted(text)[1] else number_or_text(text) for text in with_units(parts)]
+        parts = with_units(parts)
         shown = units.pop() if len(units) == 1 else unit
     elif isinstance(given, Sequence | np.ndarray) and len(given) == 2:
-        parts, shown = list(given), unit
+        parts = list(given)
     else:
         raise ValueError(form)
-    low, high = (_finite(part, unit) for part in parts)
+    low, high = (number(part, unit) for part in parts)
     return low, high, shown
 
 
-def _finite(value: Any, unit: str) -> float:
-    converted = si(value, unit)
-    if not math.isfinite(converted):
-        raise ValueError(f"{brief(value)} is not finite")
-    return converted
+def number(given: Any, unit: str) -> float:
+    """Return a number in SI, or a text with its unit or without, as a number in SI. Raises ValueError."""
+    value = si(number_or_text(given) if isinstance(given, str) and not parted(given)[1] else given, unit)
+    if not math.isfinite(value):
+        raise ValueError(f"{brief(given)} is not finite")
+    return value
+
+
+def limits(box: Box, given: Iterable[str]) -> tuple[Limit, ...]:
+    """Return the limits of a design. Raises UsageError with every fault."""
+    faults = Faults()
+    texts = [given] if isinstance(given, str) else [*given]
+    read = [faults(partial(_limit, box, text), None) for text in texts]
+    faults.raise_found()
+    return tuple(limit for limit in read if limit is not None)
+
+
+def _limit(box: Box, text: str) -> Limit:
+    parts = re.split(r"\s*([<>])=?\s*", text) if isinstance(text, str) else []
+    if len(parts) != 3:
+        raise UsageError(f"limit {brief(text)}: {_LIMITS}")
+    terms, sense, level = parts
+    keys = {axis.key: i for i, axis in enumerate(box.free)}
+    weights = np.zeros(len(keys))
+    units: list[str] = []
+    at = 0
+    while at < len(terms):
+        term = _TERM.match(terms, at)
+        if term is None or (at and not term["sign"]):
+            raise UsageError(f"limit {text}: {_LIMITS}; limits are linear")
+        key = term["key"]
+        if key not in keys:
+            raise UsageError(
+                f"limit {text}: {key} is not free; {near(key, keys) if keys else 'nothing is: add --over'}"
+            )
+        weights[keys[key]] += (-1.0 if term["sign"] == "-" else 1.0) * float(term["factor"] or 1.0)
+        units.append(box.free[keys[key]].unit)
+        at = term.end()
+    if not units or not all(same_unit(units[0], unit) for unit in units):
+        raise UsageError(f"limit {text}: a sum of {' and '.join(dict.fromkeys(units)) or 'nothing'}; expected one unit")
+    try:
+        bound = si(level, units[0])
+    except ValueError as fault:
+        raise UsageError(f"limit {text}: {fault}") from None
+    if sense == ">":
+        weights, bound = -weights, -bound
+    low, high = np.array([axis.values for axis in box.free]).T
+    scale = float(np.abs(weights) @ np.maximum(np.abs(low), np.abs(high))) or 1.0
+    slope = weights * (high - low) / scale
+    limit = Limit(text, slope, (float(weights @ low) - bound) / scale, weights, bound)
+    if limit.excess(np.where(slope < 0.0, 1.0, 0.0)) > 0.0:
+        raise UsageError(f"limit {text}: no design within the ranges keeps it; widen a range or the limit")
+    return limit

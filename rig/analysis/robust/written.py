@@ -6,12 +6,11 @@ import json
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rig.analysis.identification.written import base_of, value_line
-from rig.analysis.robust.certificate import PROVED
+from rig.analysis.identification.written import base_of, stated, text_of
+from rig.analysis.robust.proof import PROVED
 from rig.analysis.robust.result import DESIGNED, RobustResult
 from rig.errors import UsageError
 from rig.machine.files import write_file
-from rig.scenes.source import FORMAT
 
 
 def write(result: RobustResult, out: Path, based_on: str) -> Path:
@@ -29,39 +28,29 @@ def scene_text(result: RobustResult, based_on: str) -> str:
     """Return the text of the designed scene."""
     job = result.job
     today = datetime.now(UTC).date().isoformat()
-    against = ", ".join(f"{value.key} {result.tolerance(value)}" for value in job.box.uncertain)
-    lines = [
-        f"# Values that rig optimise designed on {today} against {against or 'nothing'}.",
-        f"# {job.measure}: the worst rig found grows with {result.worst:.6g} 1/s, of {result.found.assembled} rigs.",
-        f"format = {FORMAT}",
-        f"based_on = {json.dumps(based_on)}",
-        f"title = {json.dumps(f'{job.scene.title}, designed', ensure_ascii=False)}",
+    against = ", ".join(f"{key} {tolerance}" for key, tolerance in result.tolerances.items())
+    about = [
+        f"Values that rig optimise designed on {today} against {against or 'nothing'}.",
+        f"{job.measure}: the worst rig found grows with {result.worst:.6g} 1/s, of {result.found.assembled} rigs.",
     ]
-    tables: dict[str, list[str]] = {}
+    lines: dict[str, str] = {}
     for key, (value, unit) in job.scene.values().items():  # what -p has changed belongs to the scene that was designed
         if key in job.scene.origins and job.scene.origins[key].origin == "user" and key not in result.values:
-            table, _, field = key.rpartition(".")
             text = value if isinstance(value, bool) or unit in ("", "1") else f"{value} {unit}"
-            tables.setdefault(table, []).append(f'{field} = [{json.dumps(text)}, "user"]')
-    tolerances = {value.key: result.tolerance(value) for value in job.box.uncertain}
+            lines[key] = f'[{json.dumps(text)}, "user"]'
     margins = _margins(result)
     for axis in job.box.free:
-        table, _, field = axis.key.rpartition(".")
-        tolerance = f", tolerance {tolerances[axis.key]}" if axis.key in tolerances else ""
+        tolerance = f", tolerance {result.tolerances[axis.key]}" if axis.key in result.tolerances else ""
         note = f"rig optimise, {today}{tolerance}; {margins}"
-        line = value_line(field, repr(result.values[axis.key]), axis.unit, DESIGNED, note)
-        tables.setdefault(table, []).append(line)
-    for table, rows in tables.items():
-        lines += ["", f"[{table}]", *rows]
-    return "\n".join([*lines, ""])
+        lines[axis.key] = stated(repr(result.values[axis.key]), axis.unit, DESIGNED, note)
+    return text_of(about, based_on, f"{job.scene.title}, designed", lines)
 
 
 def _margins(result: RobustResult) -> str:
     """The growth of nominal and worst rig and the share of random rigs that grow, which rig explain shows."""
-    growths = result.found.audit.growth
+    count = len(result.found.audit.growth)
     nominal = result.found.entries[0].nominal[0]
-    grow = int((growths > 0.0).sum())
     margins = f"growth of the nominal rig {nominal:.5g} 1/s, of the worst one {result.worst:.5g} 1/s"
     proof = result.certificate
     known = "; no rig of the box grows (proved)" if proof is not None and proof.verdict == PROVED else ""
-    return f"{margins}; {grow} of {len(growths)} random rigs grow{known}"
+    return f"{margins}; {result.growing} of {count} random rigs grow{known}"

@@ -40,6 +40,14 @@ IDENTIFIED = "identified"
 FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 
 
+def check_once(over: Any, overrides: Mapping[str, Any] | None, untold: Mapping[str, Any] | None) -> None:
+    """Raise UsageError for a key that is varied and has a value of its own too."""
+    for option, given in (("-p, overrides", overrides), ("--untold, untold", untold)):
+        for key in given or ():
+            if isinstance(over, Mapping) and key in over:
+                raise UsageError(f"over {key}: is stated as one value as well ({option}); leave one of the two out")
+
+
 @dataclass(frozen=True)
 class Distribution:
     """A distribution `kind` with its values by name: numbers in SI, or texts with a unit."""

@@ -184,6 +184,11 @@ def prepared(
     given_measures = [measure for measure in (minimise, maximise) if measure is not None]
     if len(given_measures) != 1:
         raise UsageError("state one measure: minimise, such as cycle.amplitude, or maximise")
+    if not over:
+        raise UsageError(
+            f"{scene.name}: nothing is free and nothing is uncertain; state a range to search in (--over KEY=FROM:TO), "
+            "what is not known of the rig (--against KEY=RANGE), or both"
+        )
     faults = Faults()
     wanted: tuple[Measure, ...] = faults(lambda: measures(scene, given_measures)[:1], ())
     ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}

@@ -7,15 +7,13 @@ is sent. While none arrive the last ones stay, their age grows, and after `patie
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from math import isfinite
 
 from rig.bench.run.journal import Journal
 from rig.bench.run.runner import PlantRunner
 from rig.errors import DeviceError
-from rig.machine.board import BOOT_S, MEASURED, REOPEN_S, Address, Frame, Port
+from rig.machine.board import BOOT_S, MEASURED, Frame, Link
 from rig.printable import counted
 from rig.scenes.scene import Scene
 from rig.sensors.stream import AGE, Stream, streams
@@ -24,87 +22,53 @@ LOST, BACK = "stream lost", "stream back"
 """Kinds of events."""
 LATE = 16
 """Frames by which a sequence may be behind; one that is farther behind begins anew. # chosen: more than UDP reorders"""
-MOST_AT_ONCE = 64
-"""Most calls of a port at one tick. # chosen: a flood cannot stop the plant, and a backlog is soon over"""
 COUNTED = ("frames", "damaged", "other", "unfit", "lost")
 
 
-class StreamPort:
-    """A port, and the sensors that its frames give values to: place in the bank -> channel.
+class StreamPort(Link):
+    """The link to a board that sends on its own, and the sensors that its frames give values to: place in the bank ->
+    section.
 
     COUNTED   frames    whose values were taken in
               damaged   no frame, or CRC, length or version is wrong
               other     late, doubled, or of another kind
               unfit     another number of values, or values that are not finite
-              lost      how often no values came within `patience_s`
+              lost      how often no values came within the shortest patience of the sensors
     """
 
-    def __init__(self, address: Address, baud: int, patience_s: float, channels: dict[int, int]) -> None:
-        self.address = address
-        self.channels = channels
+    def __init__(self, sensors: Mapping[int, Stream]) -> None:
+        first = next(iter(sensors.values()))
+        super().__init__(first.address, first.baud, COUNTED)
+        self.sensors = sensors
         self.values: tuple[float, ...] = ()
         """The newest values; () before the first ones."""
-        self.arrived = self._opened = time.perf_counter()
+        self.arrived = time.perf_counter()
         """When they arrived."""
         self.lost = False
-        self.patience_s = patience_s
-        self.counts: Counter[str] = Counter(dict.fromkeys(COUNTED, 0))
-        self._baud = baud
-        self._number = max(channels.values())
+        self.patience_s = min(float(section.patience) for section in sensors.values())
+        self._number = max(section.channel for section in sensors.values())
         self._sequence = -1
-        self._port: Port | None = address.open(baud)
-
-    def close(self) -> None:
-        """Close the port."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        self.open()
 
     def receive(self, timeout_s: float = 0.0) -> None:
-        """Take in the frames that have arrived. A port that is gone is opened again every `REOPEN_S`."""
-        now = time.perf_counter()
-        if self._port is None:
-            if now - self._opened < REOPEN_S:
-                return
-            self._opened = now
-            with suppress(DeviceError):
-                self._port = self.address.open(self._baud)
-        try:
-            for _ in range(MOST_AT_ONCE):
-                received = self._port.receive(timeout_s) if self._port is not None else []
-                if not received:
-                    return
-                for data in received:
-                    self._take(data)
-                timeout_s = 0.0
-        except OSError:
-            self.close()
-
-    def _take(self, data: bytes) -> None:
-        frame = Frame.from_bytes(data)
-        counts = self.counts
-        if frame is None:
-            counts["damaged"] += 1
-        elif frame.kind != MEASURED or self._is_late(frame.sequence):
-            counts["other"] += 1
-        elif len(frame.values) != self._number or not all(map(isfinite, frame.values)):
-            counts["unfit"] += 1
-        else:
-            self._sequence = frame.sequence
-            self.values = tuple([value + 0.0 for value in frame.values])  # no -0.0: a sample is offset + 0
-            self.arrived = time.perf_counter()
-            counts["frames"] += 1
+        """Take in the frames that have arrived, waiting at most `timeout_s` for the first one."""
+        for frame in self.frames(timeout_s):
+            if frame.kind != MEASURED or self._is_late(frame.sequence):
+                self.counts["other"] += 1
+            elif len(frame.values) != self._number or not all(map(isfinite, frame.values)):
+                self.counts["unfit"] += 1
+                self.unfit = f"expected frames with {counted(self._number, 'finite value')}"
+            else:
+                self._take(frame)
 
     def _is_late(self, sequence: int) -> bool:
         return self._sequence >= 0 and (self._sequence - sequence) & 0xFFFFFFFF < LATE
 
-    @property
-    def received(self) -> str:
-        """What arrived instead of values, as the end of a sentence."""
-        words = {"damaged": "damaged frames", "other": "late or foreign frames"}
-        unfit = f"frames without {counted(self._number, 'finite value')}"
-        said = [f"{self.counts[key]} {text}" for key, text in {**words, "unfit": unfit}.items() if self.counts[key]]
-        return f"; received so far: {', '.join(said)}" if said else ""
+    def _take(self, frame: Frame) -> None:
+        self._sequence = frame.sequence
+        self.values = tuple([value + 0.0 for value in frame.values])  # no -0.0: a sample is offset + 0
+        self.arrived = time.perf_counter()
+        self.counts["frames"] += 1
 
 
 class StreamPorts:
@@ -113,16 +77,10 @@ class StreamPorts:
     def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
         self._bank = runner.bank
         self._journal = journal
-        self.ports = list[StreamPort]()
         by_port: dict[str, dict[int, Stream]] = {}
         for name, section in streams(scene.sensors).items():
             by_port.setdefault(section.port, {})[self._bank.names.index(name)] = section
-        try:
-            for sections in by_port.values():
-                self.ports.append(_opened(sections))
-        except DeviceError:
-            self.close()
-            raise
+        self.ports = [StreamPort(sensors) for sensors in by_port.values()]
 
     def wait(self, stopping: Callable[[], object]) -> None:
         """Wait for the first values of each port. Raises DeviceError for one that sends none within `BOOT_S`."""
@@ -144,8 +102,8 @@ class StreamPorts:
             if not port.values:  # the run ends before it has begun
                 continue
             age = time.perf_counter() - port.arrived
-            for i, channel in port.channels.items():
-                self._bank.give(i, age if channel == AGE else port.values[channel - 1])
+            for i, section in port.sensors.items():
+                self._bank.give(i, age if section.channel == AGE else port.values[section.channel - 1])
             if (age > port.patience_s) is not port.lost:
                 self._change(port, age)
 
@@ -170,11 +128,3 @@ class StreamPorts:
         """Close all ports."""
         for port in self.ports:
             port.close()
-
-
-def _opened(sections: dict[int, Stream]) -> StreamPort:
-    """The port that these streams share: place in the bank -> section."""
-    first = next(iter(sections.values()))
-    patience_s = min(float(section.patience) for section in sections.values())
-    channels = {i: section.channel for i, section in sections.items()}
-    return StreamPort(first.address, first.baud, patience_s, channels)

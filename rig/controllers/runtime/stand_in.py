@@ -10,23 +10,27 @@ from __future__ import annotations
 
 import json
 import os
-import select
-import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from rig import controllers
 from rig.controllers.blocks.base import Controller, State
 from rig.errors import DeviceError
-from rig.machine.board import ACT, ECHO, ECHOED, MOST_BYTES, START, STEP, UNSTARTED, Address, Frame, stuffed, unstuffed
-from rig.machine.scheduling import CONTROLLER, ahead, come_first
+from rig.machine.board import ACT, ECHO, ECHOED, START, STEP, UNSTARTED, Address, Frame, SerialPort, UdpPort
+from rig.machine.process import no_garbage
+from rig.machine.scheduling import PLANT, ahead, come_first, locked
 
 READY = "ready\n"
 """What it prints when it answers."""
+LOOK_S = 0.1
+"""Longest wait for a frame [s]."""
+PRIORITY = PLANT + 2
+"""Real-time priority: ahead of plant, controllers and their bus threads, because a board does not wait for them."""
 
 
 class Board:
@@ -35,16 +39,9 @@ class Board:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._state: State = None
-        self.started = False
-        self.steps = 0
-        """Number of times that the law was called."""
+        self._started = False
         self._last = Frame(0, 0, -1, ())
         """The last answer."""
-
-    def reset(self) -> None:
-        """Forget everything, as after a loss of power."""
-        self.started = False
-        self._last = Frame(0, 0, -1, ())
 
     def answer(self, data: bytes) -> bytes:
         """The frame that answers a frame; empty for one that cannot be answered."""
@@ -62,57 +59,31 @@ class Board:
     def _stepped(self, frame: Frame) -> Frame:
         if frame.kind == START:
             self._state = self._controller.start()
-            self.started = True
-        if not self.started:
+            self._started = True
+        if not self._started:
             return frame._replace(kind=UNSTARTED, values=())
         self._state, commands = self._controller.update(self._state, frame.t_ns, frame.values)
-        self.steps += 1
         return frame._replace(kind=ACT, values=tuple(commands))
 
 
-Answer = Callable[[bytes], list[bytes]]
-"""Returns what a board sends for a frame: each is a datagram, or bytes of a serial port."""
+@contextmanager
+def board_end(address: Address) -> Iterator[SerialPort | UdpPort]:
+    """The end of a board at an address of this computer, for frames from this computer.
 
-
-def serve_udp(number: int, answer: Answer, stopped: Callable[[], bool], host: str = "127.0.0.1") -> None:
-    """Answer datagrams at a port of this computer until `stopped()`."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.bind((host, number))
-        _ready()
-        while not stopped():
-            if not select.select([link], [], [], 0.1)[0]:
-                continue
-            with suppress(ConnectionError):  # whoever asked has left
-                data, who = link.recvfrom(2048)
-                for frame in answer(data):
-                    link.sendto(frame, who)
-
-
-def serve_serial(path: Path, answer: Answer, stopped: Callable[[], bool]) -> None:
-    """Answer frames at a pseudo terminal, to which `path` becomes a link, until `stopped()`."""
-    board, port = os.openpty()  # `port` stays open here, so that this end stays in operation when nobody uses it
+    A serial port is a pseudo terminal, to which its path becomes a link.
+    """
+    if address.kind == "udp":
+        port = UdpPort((address.where, address.number), (address.where, address.number + 1))
+        yield port
+        port.close()
+        return
+    board, terminal = os.openpty()
+    path = Path(address.where)
     path.unlink(missing_ok=True)
-    path.symlink_to(os.ttyname(port))
-    rest = b""
-    try:
-        _ready()
-        while not stopped():
-            if not select.select([board], [], [], 0.1)[0]:
-                continue
-            *ended, rest = (rest + os.read(board, 4096)).split(b"\0")
-            rest = rest[-MOST_BYTES:]
-            for part in filter(None, ended):
-                for sent in answer(unstuffed(part)):
-                    os.write(board, sent)
-    finally:
-        os.close(board)
-        os.close(port)
-        path.unlink(missing_ok=True)
-
-
-def _ready() -> None:
-    sys.stdout.write(READY)
-    sys.stdout.flush()
+    path.symlink_to(os.ttyname(terminal))
+    with FileIO(terminal), FileIO(board, "r+") as file:  # the terminal stays open: the board works when nobody uses it
+        yield SerialPort(file)
+    path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -137,21 +108,23 @@ def started(port: str, description: Mapping[str, Any]) -> Iterator[None]:
 
 def main() -> None:
     """Serve the controller whose description is on standard input, until this process is ended."""
-    address = Address.read(sys.argv[1])
     board = Board(controllers.restored(json.load(sys.stdin)))
-
-    def answer(data: bytes) -> list[bytes]:
-        frame = board.answer(data)
-        if not frame:
-            return []
-        return [frame if address.kind == "udp" else stuffed(frame)]
-
     come_first()
-    with ahead(CONTROLLER), suppress(KeyboardInterrupt):
-        if address.kind == "udp":
-            serve_udp(address.number, answer, lambda: False, address.where)
-        else:
-            serve_serial(Path(address.where), answer, lambda: False)
+    with suppress(KeyboardInterrupt), board_end(Address.read(sys.argv[1])) as port:
+        with no_garbage(), locked(), ahead(PRIORITY):
+            sys.stdout.write(READY)
+            sys.stdout.flush()
+            while True:
+                serve(port, board)
+
+
+def serve(port: SerialPort | UdpPort, board: Board) -> None:
+    """Answer the frames that arrive within `LOOK_S`."""
+    with suppress(ConnectionError):  # whoever asked has left
+        for data in port.receive(LOOK_S):
+            answer = board.answer(data)
+            if answer:
+                port.send(answer)
 
 
 if __name__ == "__main__":

@@ -57,6 +57,12 @@ def has_date(text: str) -> bool:
     return _WHOLE_DATE.match(text) is not None
 
 
+def is_short(text: str) -> bool:
+    """Whether a time has two fields only and nothing that tells which: hours and minutes, or minutes and seconds."""
+    match = _TIME.fullmatch(text)
+    return match is not None and not (match["second"] or match["half"] or match["zone"] or has_date(text))
+
+
 def order(texts: Iterable[str]) -> str:
     """The order of day and month in the dates with slashes of one column: DAY_FIRST, MONTH_FIRST or OPEN."""
     for text in texts:

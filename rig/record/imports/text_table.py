@@ -21,6 +21,7 @@ import numpy as np
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.imports import clock_times, text_headers
+from rig.record.imports.row_faults import NO_CLOCK, NO_NUMBER, NO_TIME_OF_DAY, RowFaults
 from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, has_groups, is_doubtful, is_number, number, split
 from rig.record.imports.text_headers import TextHeader
 from rig.record.run_data import Reals
@@ -30,8 +31,6 @@ _HEADS = (1 << 16, 1 << 20, 1 << 23)
 _ROWS = 10  # chosen: enough to tell the form of a table
 BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
-_MOST = 20
-"""Number of faults that are told; further ones are counted."""
 _BLANK_VALUES = [blanks * " " + text + end for text in NO_VALUE for blanks in range(32) for end in ("", " ")]
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?")
 _BACK = clock_times.DAY_NS // 2  # a time of day that falls by more is that of the next day. chosen
@@ -217,36 +216,39 @@ class TextTable:
         return number(cell, self.form.mark)
 
     def time_fault(self, cell: str) -> str:
-        """Why a cell is no time that can be placed among the others, in words; "" if it is one."""
+        """Why a cell is no time that can be placed among the others, in words that follow it; "" if it is one."""
         if not clock_times.is_time(cell):
-            return f"{cell!r:.40} is not a time"
+            return NO_CLOCK
         if self.day is not None and not clock_times.has_date(cell):
-            return f"{cell!r:.40} has no date beside it"
+            return "has no date beside it"
+        if clock_times.is_short(cell):
+            return (
+                "may be hours and minutes or minutes and seconds; write three fields, as in 10:05:00, or give the rate "
+                "of the samples (--rate) in place of times"
+            )
         first = clock_times.has_open_date(self.first)
         if self.of_dates == clock_times.OPEN and clock_times.has_open_date(cell) != first:
             return (
-                f"{cell!r:.40} may have the day or the month first; write dates as 2024-01-31, or give the rate of the "
-                "samples (--rate) in place of times"
+                "may have the day or the month first; write dates as 2024-01-31, or give the rate of the samples "
+                "(--rate) in place of times"
             )
-        return "" if clock_times.is_valid(cell, self.of_dates) else f"{cell!r:.40} is not a time of day"
+        return "" if clock_times.is_valid(cell, self.of_dates) else NO_TIME_OF_DAY
 
     def _faults(self, names: Sequence[str], wanted: Collection[str]) -> str:
-        """All rows that cannot be read, one a line."""
-        told = list[str]()
-        count = 0
+        """All rows that cannot be read, each kind of fault in a line; "" if every row can."""
+        faults = RowFaults(self.path)
+        segment = list[str]()
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
                 if text_headers.begins_segment(line):
-                    told.append(
+                    segment.append(
                         f"{self.path}: row {place}: another segment of LabVIEW begins here, and a recording has one "
                         "table; save each segment as a file of its own, with the lines above its rows"
                     )
                     break
-                for fault in self._of_row(line, place, names, wanted):
-                    count += 1
-                    if count <= _MOST:
-                        told.append(f"{self.path}: row {place}: {fault}")
-        return "\n".join([*told, f"... and {count - _MOST} more"] if count > _MOST else told)
+                for column, kind, text in self._of_row(line, place, names, wanted):
+                    faults.note(np.array([place]), column, kind, text)
+        return "\n".join([*segment, *faults.lines()])
 
     def rows(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield number and values of each row, line by line, without what cannot be read; NaN: there is no value."""
@@ -270,7 +272,10 @@ class TextTable:
                 if values:
                     yield place, values
 
-    def _of_row(self, line: str, place: int, names: Sequence[str], wanted: Collection[str]) -> Iterator[str]:
+    def _of_row(
+        self, line: str, place: int, names: Sequence[str], wanted: Collection[str]
+    ) -> Iterator[tuple[str, str, str]]:
+        """Column, kind and text of each fault of a row; the column is "" for the whole row."""
         cells = self.form.cells(line, place - self.skip - 1)
         if not line.strip():
             return
@@ -278,18 +283,20 @@ class TextTable:
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
             other = self._other_separator(line, len(names))
             hint = f"; with {other!r} in place of {self.form.separator!r} it would be right" if other else ""
-            yield f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
+            text = f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
+            yield "", text, text
             return
         for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
             if name not in wanted or cell in NO_VALUE:
                 continue
             if self.stamped[i]:
-                fault = self.time_fault(_dated(cells, i, self.day))
-                if fault:
-                    yield f"column {name}: {fault}"
+                dated = _dated(cells, i, self.day)
+                if kind := self.time_fault(dated):
+                    yield name, kind, f"{dated!r:.40} {kind}"
             elif not is_number(cell, self.form.mark):
                 doubt = "; are its digits grouped? Write them without groups" if is_doubtful(cell) else ""
-                yield f"column {name}: {cell!r:.40} is not a number{doubt}"
+                kind = f"{NO_NUMBER}{doubt}"
+                yield name, kind, f"{cell!r:.40} {kind}"
 
     def _other_separator(self, line: str, width: int) -> str:
         """The separator with which a line has `width` numbers; "" if there is none."""
@@ -317,7 +324,7 @@ class _Clock:
         if cell in NO_VALUE:
             return math.nan
         if fault := table.time_fault(cell):
-            raise _invalid(fault)
+            raise _invalid(f"{cell!r:.40} {fault}")
         ns = clock_times.nanoseconds(cell, table.of_dates)
         if not clock_times.has_date(cell):
             ns += table.midnights[self._column] * clock_times.DAY_NS

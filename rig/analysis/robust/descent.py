@@ -1,11 +1,15 @@
-"""A design improved against a set of rigs: linear programs over all eigenvalues that may count, in a trust region.
+"""Descents by gradients: a design improved against a set of rigs, and from a rig to a worse one.
 
-Each of the largest eigenvalues of the band is a row at each rig, so that modes that cross are no trouble:
+A design is improved by linear programs over all eigenvalues that may count, in a trust region. Each of the largest
+eigenvalues of the band is a row at each rig, so that modes that cross are no trouble:
 
     smallest t with  Re lambda_ik + g_ik s <= t in the band,  <= 0 outside of it,  limits kept,  |s| <= Delta
 
 s is the step of the design, g_ik the gradient of eigenvalue i of rig k. The region grows where the program foretells
 the gain and shrinks where a step gains nothing.
+
+A worse rig is found by L-BFGS-B over the gradient of the growth that counts. Values that take whole frames have no
+gradient: all their frames are tried at its end, and it then goes on.
 """
 
 from __future__ import annotations
@@ -16,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.robust.box import Limit
 from rig.analysis.robust.growth import Growth, NoSliding, Piece
-from rig.analysis.robust.limits import Limit
 
 Array = NDArray[np.float64]
 PENALTY = 1e3  # 1/s of what is beyond a limit, and times the growth outside of the band
@@ -29,6 +33,10 @@ _FAR = 50.0  # 1/s: modes outside of the band that decay faster do not limit a s
 _SHARE = 0.05  # of the foretold gain that a step must make
 _GOOD = 0.5  # share from which on the region grows
 _SHRINKS = 0.35
+_ASCENT = {"maxiter": 15, "maxfun": 30}  # of L-BFGS-B
+_FRAMES = 64  # most frames of a delay that are tried
+_AGAIN = 2  # ascents, if another delay is worse
+_NOTHING = -1e12  # 1/s, of a rig without a mode that counts
 
 
 def penal(growth: Growth, x: Array, U: Array, limits: Sequence[Limit]) -> float:
@@ -103,3 +111,65 @@ def _program(x: Array, pieces: Sequence[Piece], limits: Sequence[Limit], region:
     if solved.status:
         return None, math.inf
     return np.asarray(solved.x[: len(x)]), float(solved.fun)
+
+
+def ascend(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> tuple[Array, float, float]:
+    """Return the worst rig that an ascent of design x from rig u reaches between `low` and `high`, with its growth
+    [1/s] and frequency [Hz].
+    """
+    best = np.clip(u, low, high)
+    value, hertz = growth.value(x, best)
+    for _ in range(_AGAIN):
+        if math.isinf(value) and value > 0.0:
+            break
+        reached = _ascent(growth, x, best, low, high)
+        above = growth.value(x, reached)
+        if above[0] > value:
+            best = reached
+            value, hertz = above
+        other = _other_frames(growth, x, best, low, high)
+        above = growth.value(x, other) if other is not None else (-math.inf, math.nan)
+        if not above[0] > value or other is None:
+            break
+        best = other
+        value, hertz = above
+    return best, value, hertz
+
+
+def _ascent(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Array:
+    from scipy.optimize import minimize
+
+    def falling(at: Array) -> tuple[float, Array]:
+        try:
+            pieces = growth.pieces(x, np.clip(at, low, high), of_rig=True, kept=1)
+        except NoSliding:
+            return _NOTHING, np.zeros_like(at)
+        counting = [piece for piece in pieces if piece.inside or piece.rate.real > 0.0]
+        if not counting:
+            return -_NOTHING, np.zeros_like(at)
+        top = max(counting, key=lambda piece: piece.rate.real)
+        return -top.rate.real, -top.slope
+
+    moves = high > low
+    if not moves.any():
+        return u
+    bounds = [*zip(low.tolist(), high.tolist())]
+    found = minimize(falling, u, jac=True, bounds=bounds, method="L-BFGS-B", options=_ASCENT)
+    return np.asarray(np.clip(found.x, low, high), dtype=np.float64)
+
+
+def _other_frames(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Array | None:
+    """The worst rig with another delay in whole frames; None if there is none."""
+    tried = []
+    for i, value in enumerate(growth.box.uncertain):
+        if not value.step:
+            continue
+        width = (value.ends[1] - value.ends[0]) / value.step  # frames between the two ends of the cube
+        count = min(round(width * float(high[i] - low[i])) + 1, _FRAMES)
+        for share in np.linspace(low[i], high[i], count):
+            other = u.copy()
+            other[i] = share
+            tried.append(other)
+    if not tried:
+        return None
+    return max(tried, key=lambda other: growth.value(x, other)[0])
