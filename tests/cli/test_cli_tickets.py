@@ -1,6 +1,7 @@
 """Commands on another computer than the plant's, each with --ticket and with RIG_TICKET, and what they refuse."""
 
 import json
+import socket
 import threading
 
 import pytest
@@ -116,3 +117,31 @@ def test_each_command_refuses_what_opens_nothing_in_one_line(far, seat, words):
         assert code == 2, (reason, output)
         (line,) = [line for line in output.splitlines() if line.strip()]
         assert reason in line
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--listen", "tls/127.0.0.1:443", "--tickets", "nf"), "the port must be 1024 to 65535"),
+        (("--listen", "tls/0.0.0.0:7450", "--tickets", "nf"), "name the one address"),
+        (("--listen", "tls/127.0.0.1:7450", "--tickets", "fn"), "the run has no such seat"),
+        (("--listen", "tls/127.0.0.1:7450"), "needs --tickets"),
+        (("--tickets", "nf"), "needs --listen"),
+        (("--listen", "udp/127.0.0.1:7450", "--tickets", "nf"), "expected tls/HOST:PORT"),
+    ],
+)
+def test_rig_run_refuses_where_nobody_can_join_before_anything_starts(words, reason, runs, rig):
+    code, output, told = rig("run", "belt_normal_force", *words)
+    assert (code, output) == (2, "")
+    (line,) = told.splitlines()
+    assert reason in line
+
+
+@pytest.mark.parametrize("words", [("run", "belt_normal_force", "--tickets", "nf", "--listen"), ("web", "--share")])
+def test_an_address_in_use_is_refused_by_command(words, runs, rig):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        before = "tls/" if words[0] == "run" else ""
+        place = f"{before}127.0.0.1:{other.getsockname()[1]}"
+        code, output, told = rig(*words, place)
+    assert (code, output) == (2, "")
+    assert told.strip() == f"{words[-1]} {place}: another process listens there; choose another port"

@@ -89,6 +89,8 @@ def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
         ("uvicorn", "web", ("web", "--no-open")),
         ("rerun", "view", ("view", ROOT / "recordings" / "golden" / "belt.mcap")),
         ("rerun", "view", ("run", "belt", "--view", "--duration", "0.1")),
+        ("cryptography", "remote", ("web", "--no-open", "--share", "127.0.0.1:8443")),
+        ("cryptography", "remote", ("run", "belt", "--listen", "tls/127.0.0.1:7450", "--tickets", "operator")),
     ],
 )
 def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lacking, extra, command):
