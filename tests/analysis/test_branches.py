@@ -375,6 +375,7 @@ def test_every_form_of_the_result(bstab):
     assert data.sizes["point"] == len(list(bstab.points())) == len(bstab.csv().splitlines()) - 1
     assert data["drive.speed"].attrs["units"] == "m/s"
     assert bool((data.low <= data.high).all())
+    assert (np.isnan(data.multiplier) == np.isnan(data.period)).all()  # eigenvalues of sliding are none
     axes = bstab.plot().get_axes()[0]
     legend = {text.get_text() for text in axes.get_legend().get_texts()}
     assert {"stable", "unstable", "steady sliding", "cycle without stick"} <= legend

@@ -60,7 +60,9 @@ class Point:
 
     @property
     def largest_multiplier(self) -> float:
-        """Size of the largest multiplier; NaN without one."""
+        """Size of the largest multiplier; NaN without one, as of an equilibrium."""
+        if math.isnan(self.period):
+            return math.nan
         return max(map(abs, self.multipliers), default=math.nan)
 
     def to_json(self) -> dict[str, Any]:

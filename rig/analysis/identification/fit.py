@@ -46,6 +46,7 @@ _WEAKEST = 1e-4  # of the information of a direction over that of the best one: 
 _PROBED = 100.0  # times the smallest gain that responses can tell: by so much a sum of squares should rise
 _RISES = 0.25  # of the rise that derivatives predict: of less, an interval is half as wide as it should be
 _CORRECTED = 3  # steps that lead back to the valley, beside which it is probed
+_NEAR = 2.0  # of a standard deviation: step without damping that gains nothing, of a fit that has converged
 _SAME = 1e-6  # of the sum of squares: responses cannot tell a smaller gain, and steps along it lead nowhere
 WIDE = 0.3
 """Of a value: an interval of 90 % that reaches farther to one side is wide."""
@@ -265,12 +266,13 @@ class Fit:
             sd = np.sqrt(np.diag(sandwich(left, J, self.prior, self.known, True)))
             missing = np.abs(self._step(H, g, 0.0, held)) / sd
             done = bool(np.all((missing[:p] < _CONVERGED) | untold))
-            flat = untold
+        elif stalled:  # the sum of squares rises on both sides: the least one is no farther away than the step
+            done = done or apart < _NEAR
         C = sandwich(left, J, self.prior, self.known)
         if stalled and done and not untold.any():  # least squares may lie as far away as the step that gained nothing
             wider = np.sqrt(1.0 + np.where(missing >= _CONVERGED, missing, 0.0) ** 2)
             C = C * np.outer(wider, wider)
-        return Solution(z, cost, left, J, self.prior, responses, done, tuple(flat.tolist()), C)
+        return Solution(z, cost, left, J, self.prior, responses, done, tuple(untold.tolist()), C)
 
     def _told(self, z: Reals, left: Sequence[Reals], J: Sequence[Reals]) -> tuple[list[Reals], Any]:
         """Derivatives without those along directions of which the data tell nothing, and which parameters these move
