@@ -38,6 +38,7 @@ ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_stor
 UNFILLED = 1_000_003
 """Stands for the number of states while numba compiles a kernel once for all numbers; larger than any factor of it."""
 _UNFILLED_NAME = f"_28{UNFILLED}_2c"  # as it is part of the name of a type, in names of compiled functions
+_BESIDE = 64  # a number nearer than this to a multiple of UNFILLED is one that was computed with it
 _INTEGER = re.compile(r"(?<= )\d{7,}(?![\w.])")
 _OPEN = Linkage.external
 _SHARED = Linkage.linkonce_odr
@@ -251,13 +252,20 @@ for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassMan
 
 
 def _filled(text: str, number: int) -> str:
-    """LLVM's text of a module with `number` in place of UNFILLED: in names, and in its multiples and its square."""
+    """LLVM's text of a module with `number` in place of UNFILLED: in names, and in its multiples and their powers.
+
+    Raises AssertionError for a number beside a multiple: numba would have computed with it what is not filled in here.
+    """
 
     def value(integer: re.Match[str]) -> str:
-        factor, rest = divmod(int(integer[0]), UNFILLED)
-        if rest:
-            return integer[0]
-        return str(number * (number if factor == UNFILLED else factor))
+        whole = int(integer[0])
+        powers = 0
+        while whole and whole % UNFILLED == 0:
+            whole //= UNFILLED
+            powers += 1
+        beside = min(whole % UNFILLED, -whole % UNFILLED)
+        assert whole < UNFILLED or beside > _BESIDE, f"{integer[0]} in LLVM's text is no multiple of {UNFILLED}"
+        return str(whole * number**powers)
 
     return _INTEGER.sub(value, text.replace(_UNFILLED_NAME, f"_28{number}_2c"))
 
