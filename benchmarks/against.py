@@ -40,9 +40,14 @@ class Version:
         command = [sys.executable, str(Path(__file__).with_name("one_version.py"))]
         path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
         self._process = subprocess.Popen(
-            command, cwd=checkout, env={**os.environ, "PYTHONPATH": path}, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            command,
+            cwd=checkout,
+            env={**os.environ, "PYTHONPATH": path},
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
 
     def round(self, case: str) -> tuple[float, str]:
         """Return processor time [s] and digest of one round; infinite and no digest if this version cannot run it."""

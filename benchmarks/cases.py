@@ -134,8 +134,10 @@ GROUPS = {
     "start": Group(
         "new processes, processor time: rig list, rig simulate belt for 0.1 s, a recorder",
         lambda asked: whole_runs.start(5 if asked.quick else 9),
-        tuple(_most(f"over_numpy.{name}", f"start: {name}", most, "of Python with numpy")
-              for name, most in (("list", 2.4), ("simulate", 9.5), ("recorder", 4.2))),
+        tuple(
+            _most(f"over_numpy.{name}", f"start: {name}", most, "of Python with numpy")
+            for name, most in (("list", 2.4), ("simulate", 9.5), ("recorder", 4.2))
+        ),
     ),
     "steps": Group(
         f"environment of Gymnasium, {one_contact.DRIVEN}, one frame of 1 ms a step, processor time",
@@ -150,8 +152,10 @@ GROUPS = {
     "rubbing": Group(
         "rigs of one contact, kernel without energy balance, processor time",
         lambda asked: one_contact.speed(5 if asked.quick else 10),
-        tuple(_most(f"{name}.over_exact", rubbing.title, rubbing.most, EXACT)
-              for name, rubbing in one_contact.RIGS.items()),
+        tuple(
+            _most(f"{name}.over_exact", rubbing.title, rubbing.most, EXACT)
+            for name, rubbing in one_contact.RIGS.items()
+        ),
     ),
     "recording": Group(
         "recorder: 10 sensors at 100 kHz in blocks, 8 outputs at 1 kHz; us on the publishing thread in a frame",
@@ -237,9 +241,11 @@ GROUPS = {
         "studies on one worker, two, and two of dask, in turns",
         lambda asked: studies.measured(asked.quick),
         (
-            *(Case(f"{what}.{workers}.efficiency", f"study of {title}, two workers{of}", floor, "of two apart")
-              for what, title in (("P1", "a rig"), ("loop", "a closed loop"))
-              for workers, of, floor in (("two", "", 0.95), ("dask", " of dask", 0.92))),
+            *(
+                Case(f"{what}.{workers}.efficiency", f"study of {title}, two workers{of}", floor, "of two apart")
+                for what, title in (("P1", "a rig"), ("loop", "a closed loop"))
+                for workers, of, floor in (("two", "", 0.95), ("dask", " of dask", 0.92))
+            ),
             _most("empty_ms", "a point that computes nothing", 1.0, "ms"),
         ),
     ),
@@ -258,16 +264,12 @@ GROUPS = {
         lambda asked: structures.measure(asked.quick),
         (
             _most("true_error", "structure of 100,000 rows, error of its first mode", 1e-6, "of the eigenvalue"),
-            _most(
-                "sweep_ratio", "100 friction values of 85 coordinates", 3.0, "times their eigenvalues by scipy"
-            ),
+            _most("sweep_ratio", "100 friction values of 85 coordinates", 3.0, "times their eigenvalues by scipy"),
             _most("point_ms", "eigenvalues of a structure at a point, 120 vectors", 15.0, "ms of processor time"),
-            _most(
-                "point_ratio", "eigenvalues of a structure at a point, 120 vectors", 0.95, "times numpy.linalg.eig"
-            ),
+            _most("point_ratio", "eigenvalues of a structure at a point, 120 vectors", 0.95, "times numpy.linalg.eig"),
         ),
     ),
-}  # fmt: skip
+}
 """By name: an option of the command takes a group alone."""
 
 

@@ -30,9 +30,19 @@ RIGS, SEED, ROUNDS = 24, 20261122, 7
 MEETS, WITHIN = 0.95, 1.3
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-8)
 SCENES = (
-    "belt", "belt_b", "belt_c", "belt_c_damped", "pendulum", "lever", "two_dof", "tread", "pin", "north", "seal_p",
+    "belt",
+    "belt_b",
+    "belt_c",
+    "belt_c_damped",
+    "pendulum",
+    "lever",
+    "two_dof",
+    "tread",
+    "pin",
+    "north",
+    "seal_p",
     "belt_tuned_mass",
-)  # fmt: skip
+)
 DRAWN = ("mass", "inertia", "stiffness", "damping", "force", "speed")
 SPREAD = 0.1  # decades, in both directions
 
@@ -95,13 +105,17 @@ def main() -> int:
             continue
         rigs.append(held_out)
         met = "meets" if held_out.error <= held_out.target else "MISSES"
-        sys.stdout.write(f"{held_out.rig:16} {held_out.setting:18} {met} {held_out.target:.0e} with "
-                         f"{held_out.error:.1e}, {held_out.ratio:.2f} of the cheapest\n")  # fmt: skip
+        sys.stdout.write(
+            f"{held_out.rig:16} {held_out.setting:18} {met} {held_out.target:.0e} with "
+            f"{held_out.error:.1e}, {held_out.ratio:.2f} of the cheapest\n"
+        )
         sys.stdout.flush()
     meets = float(np.mean([held_out.error <= held_out.target for held_out in rigs]))
     within = float(np.mean([held_out.ratio <= WITHIN for held_out in rigs]))
-    sys.stdout.write(f"{len(rigs)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
-                     f"these (goal {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n")  # fmt: skip
+    sys.stdout.write(
+        f"{len(rigs)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
+        f"these (goal {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n"
+    )
     return 0 if meets >= MEETS and within >= MEETS else 1
 
 

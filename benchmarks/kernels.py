@@ -103,14 +103,25 @@ def precision() -> dict[str, Any]:
     for law, method, tolerance, substeps in settings:
         motion, ticks, times = run(systems[law], method, tolerance, substeps)
         best = interleaved({"run": lambda m=motion, n=ticks: m.advance(n)}, 7)["run"]  # type: ignore[misc]
-        rows.append({"law": law, "method": method, "tolerance": tolerance, "substeps": substeps,
-                     "error": event_error(times, reference[law]), "rtf": SECONDS / best})  # fmt: skip
+        rows.append(
+            {
+                "law": law,
+                "method": method,
+                "tolerance": tolerance,
+                "substeps": substeps,
+                "error": event_error(times, reference[law]),
+                "rtf": SECONDS / best,
+            }
+        )
 
     def fastest(error: float, key: str, value: str) -> float:
         return max((row["rtf"] for row in rows if row[key] == value and row["error"] <= error), default=0.0)
 
-    at = {f"{method} at {error:.0e}": fastest(error, "method", method)
-          for error in (1e-4, 1e-6, 1e-8) for method in ("exact", "dopri5", "rk4")}  # fmt: skip
+    at = {
+        f"{method} at {error:.0e}": fastest(error, "method", method)
+        for error in (1e-4, 1e-6, 1e-8)
+        for method in ("exact", "dopri5", "rk4")
+    }
     kernel = fastest(1e-6, "law", "stribeck")
     return {"kernel": kernel, "over_exact": at["exact at 1e-06"] / kernel, "best": at, "rows": rows}
 
@@ -147,8 +158,16 @@ def _by_scipy(p: Any) -> list[float]:
     while (t := t + max(release - x, 0.0) / speed) < P1_SECONDS:
         times.append(t)
         samples = grid[np.searchsorted(grid, t, side="right") :]
-        slip = solve_ivp(rate, (t, P1_SECONDS), [release, speed], method="DOP853", rtol=1e-9, atol=1e-12, events=sticks,
-                         t_eval=samples)  # fmt: skip
+        slip = solve_ivp(
+            rate,
+            (t, P1_SECONDS),
+            [release, speed],
+            method="DOP853",
+            rtol=1e-9,
+            atol=1e-12,
+            events=sticks,
+            t_eval=samples,
+        )
         if not len(slip.t_events[0]):
             break
         t, x = float(slip.t_events[0][0]), float(slip.y_events[0][0][0])

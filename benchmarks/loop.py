@@ -71,11 +71,13 @@ def paced(seconds: float) -> dict[str, Any]:
     """Return timing and losses of a paced run of the loop, with recorder and viewer bridge."""
     summary = _run(seconds, web=True)
     trip = summary["round_trip"]
+    controllers = {}
+    for name, counts in summary["loop"].items():
+        controllers[name] = {key: counts[key] for key in ("taken", "late", "oldest")}
     return _timing(summary) | {
         "step_to_command_ms": {name: trip[name] / 1e3 for name in ("p50", "p99")},
-        "controllers": {name: {key: counts[key] for key in ("taken", "late", "oldest")}
-                        for name, counts in summary["loop"].items()},
-    }  # fmt: skip
+        "controllers": controllers,
+    }
 
 
 def plate() -> dict[str, Any]:

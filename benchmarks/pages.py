@@ -202,8 +202,15 @@ class _Browser:
     def __init__(self, program: str, folder: Path, port: int, token: str) -> None:
         from websockets.sync.client import connect
 
-        command = [program, "--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--window-size=1400,1000",
-                   f"--user-data-dir={folder / 'browser'}", f"http://127.0.0.1:{port}/?token={token}"]  # fmt: skip
+        command = [
+            program,
+            "--headless=new",
+            "--no-sandbox",
+            "--remote-debugging-port=0",
+            "--window-size=1400,1000",
+            f"--user-data-dir={folder / 'browser'}",
+            f"http://127.0.0.1:{port}/?token={token}",
+        ]
         self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         told = folder / "browser" / "DevToolsActivePort"
         for _ in range(300):

@@ -68,8 +68,10 @@ def plate(elements: tuple[int, int, int]) -> Full:
     free = np.flatnonzero(np.tile(place[:, 0] > 0, 3))
     row = np.full(3 * nodes, -1)
     row[free] = np.arange(free.size)
-    x, y = (2 * np.round(np.linspace(0.3, 0.7, count) * number).astype(int)
-            for count, number in zip(POINTS, elements, strict=False))  # fmt: skip
+    x, y = (
+        2 * np.round(np.linspace(0.3, 0.7, count) * number).astype(int)
+        for count, number in zip(POINTS, elements, strict=False)
+    )
     touched = np.flatnonzero(np.isin(place[:, 0], x) & np.isin(place[:, 1], y) & (place[:, 2] == 2 * elements[2]))
     count = touched.size
     normal, along = (

@@ -128,8 +128,16 @@ def _quiet(system: System, c: ctypes.CDLL) -> dict[str, Any]:
         for _ in range(_REPEATED):
             x = x0.copy()
             g = G[:count] @ x
-            ticks = c.quiet(E.ctypes, G.ctypes, B.ctypes, ctypes.c_int64(count), x.ctypes, g.ctypes,
-                            ctypes.c_int64(TICKS), written.ctypes)  # fmt: skip
+            ticks = c.quiet(
+                E.ctypes,
+                G.ctypes,
+                B.ctypes,
+                ctypes.c_int64(count),
+                x.ctypes,
+                g.ctypes,
+                ctypes.c_int64(TICKS),
+                written.ctypes,
+            )
         return int(ticks)
 
     n = ours()
@@ -202,8 +210,18 @@ def _rk4(system: System, c: ctypes.CDLL) -> dict[str, Any]:
     def c_run() -> int:
         x = r.x0.copy()
         written = (a.ctypes for a in (x, r.out, r.event_ticks, r.places))
-        return int(c.rk4_run(*given, ctypes.c_double(r.static), ctypes.c_double(r.step), ctypes.c_int64(substeps),
-                             ctypes.c_int64(r.ticks), r.key0, *written, ctypes.byref(final)))  # fmt: skip
+        return int(
+            c.rk4_run(
+                *given,
+                ctypes.c_double(r.static),
+                ctypes.c_double(r.step),
+                ctypes.c_int64(substeps),
+                ctypes.c_int64(r.ticks),
+                r.key0,
+                *written,
+                ctypes.byref(final),
+            )
+        )
 
     return r.compared(c_run, "step", r.ticks * substeps)
 
@@ -242,8 +260,20 @@ def _exact(system: System, c: ctypes.CDLL) -> dict[str, Any]:
     return {"rtf": rtf, "error": kernels.event_error(r.times, fine), **result}
 
 
-_FILM_TABLES = ("alike", "against", "which_alike", "which_against", "kick", "turn", "loss", "column", "push", "signal",
-                "riders", "advance")  # fmt: skip
+_FILM_TABLES = (
+    "alike",
+    "against",
+    "which_alike",
+    "which_against",
+    "kick",
+    "turn",
+    "loss",
+    "column",
+    "push",
+    "signal",
+    "riders",
+    "advance",
+)
 
 
 class _Film(ctypes.Structure):
@@ -269,8 +299,19 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
     signals = own.moved.shape[0]
     even, odd = own.symmetric, own.antisymmetric
     pushed = [np.ascontiguousarray(own.column[:, :, 0]), np.ascontiguousarray(own.push[:, 0])]
-    tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, *pushed,
-              own.signal, own.slider_rows, own.advance)  # fmt: skip
+    tables = (
+        even.rows,
+        odd.rows,
+        even.which,
+        odd.which,
+        own.kick,
+        own.turn,
+        own.loss,
+        *pushed,
+        own.signal,
+        own.slider_rows,
+        own.advance,
+    )
     given = _Film(
         *(table.ctypes.data for table in tables),
         *(own.pitch, own.stiffness[0], own.shear[0], own.mu[0]),
@@ -305,8 +346,21 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
     return {"coordinates": states // 2, "points": own.points, **result}
 
 
-_POINTS_TABLES = ("now", "back", "kick", "turn", "loss", "column", "push", "signal", "stiffness", "shear", "give", "mu",
-                  "reach")  # fmt: skip
+_POINTS_TABLES = (
+    "now",
+    "back",
+    "kick",
+    "turn",
+    "loss",
+    "column",
+    "push",
+    "signal",
+    "stiffness",
+    "shear",
+    "give",
+    "mu",
+    "reach",
+)
 
 
 class _Points(ctypes.Structure):
@@ -349,8 +403,13 @@ def points(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TIC
     signals = own.moved.shape[0]
     addresses = (array.ctypes.data for array in arrays.values())
     given = _Points(*addresses, own.slid - own.first + signals, ticks, substeps, len(SUMS))
-    constants = {"NQ": count, "M": signals, "POINTS": own.points, "WIDTH": side.now.shape[1],
-                 "BACK": side.back.shape[1]}  # fmt: skip
+    constants = {
+        "NQ": count,
+        "M": signals,
+        "POINTS": own.points,
+        "WIDTH": side.now.shape[1],
+        "BACK": side.back.shape[1],
+    }
     c = build("points.c", constants)
     begun, x0 = motion.save(), motion.state.x.copy()
     x, energy = x0.copy(), np.zeros(4)
@@ -409,17 +468,26 @@ def run(
     gaps = np.full((len(bank.instruments), int(_MOST_GAPS * (long - short)), 2), np.iinfo(np.int64).max)
     arrays["gaps"] = gaps
     arrays |= {"nodes": motion.work.nodes, "weights": motion.work.weights}
-    constants = {"N": motion.system.n, "OUTPUTS": len(runner.outputs), "READ": motion.segments.coef.shape[1],
-                 "TERMS": len(NAMES)}  # fmt: skip
+    constants = {
+        "N": motion.system.n,
+        "OUTPUTS": len(runner.outputs),
+        "READ": motion.segments.coef.shape[1],
+        "TERMS": len(NAMES),
+    }
     c = build("run.c", constants)
     x0, size0, key0, energy0 = motion.x.copy(), motion.work.size.copy(), motion.key, motion.state.energy.copy()
     instruments0, poles0 = bank.instruments.copy(), bank.poles.copy()
     outputs, energy = np.zeros((len(runner.outputs), ticks)), energy0.copy()
     samples, noise = np.zeros((len(instruments0), ticks)), np.zeros((len(instruments0), ticks + 8))
     event_ticks, places = np.zeros(_MOST_EVENTS, dtype=np.int64), np.zeros(_MOST_EVENTS)
-    given = _Whole(**{name: a.ctypes.data for name, a in arrays.items()}, noise=noise.ctypes.data,
-                   instruments=len(samples), room=noise.shape[1], most=gaps.shape[1],
-                   bound=scene.limits["displacement"])  # fmt: skip
+    given = _Whole(
+        **{name: a.ctypes.data for name, a in arrays.items()},
+        noise=noise.ctypes.data,
+        instruments=len(samples),
+        room=noise.shape[1],
+        most=gaps.shape[1],
+        bound=scene.limits["displacement"],
+    )
 
     def theirs() -> int:
         for (name, section), row, lost in zip(scene.sensors.items(), noise, gaps):
@@ -429,8 +497,16 @@ def run(
                 lost[:] = stream.gaps(len(lost), end.dropout_rate, end.dropout_shortest, end.dropout_longest)
         energy[:] = energy0
         written = (x0.copy(), size0.copy(), instruments0.copy(), poles0.copy(), outputs, samples, energy, event_ticks)
-        return int(c.whole_run(ctypes.byref(rig_tables), ctypes.byref(given), ctypes.c_int64(ticks), key0,
-                               *(a.ctypes for a in written), places.ctypes))  # fmt: skip
+        return int(
+            c.whole_run(
+                ctypes.byref(rig_tables),
+                ctypes.byref(given),
+                ctypes.c_int64(ticks),
+                key0,
+                *(a.ctypes for a in written),
+                places.ctypes,
+            )
+        )
 
     runs = {"short": lambda: rig.simulate(scene, short), "long": lambda: rig.simulate(scene, long), "c": theirs}
     best = kernels.interleaved(runs, rounds, time.process_time)

@@ -29,17 +29,27 @@ VALUES: dict[str, tuple[str, str, dict[str, Any]]] = {
     "elasto-plastic": ("elasto_plastic", VERMILION, BRISTLES),
     "Dahl": ("dahl", GREEN, {"mu_kinetic": 0.3, "sigma0": 1e5}),
     "Maxwell slip": (
-        "maxwell_slip", PURPLE, STRIBECK | {"stiffness": [6e4, 3e4, 1e4], "shares": [0.4, 0.35, 0.25]},
+        "maxwell_slip",
+        PURPLE,
+        STRIBECK | {"stiffness": [6e4, 3e4, 1e4], "shares": [0.4, 0.35, 0.25]},
     ),
     "rate and state, ageing": ("rate_state", AMBER, STATE),
     "rate and state, slip": ("rate_state", SKY, STATE | {"evolution": "slip"}),
     "time of stick": ("stick_time", GREY, {"mu_kinetic": 0.3, "rise": 0.2, "time": 0.3, "distance": 1e-5}),
     "temperature": (
-        "contact_temperature", "black",
-        {"mu_cold": 0.3, "mu_hot": 0.2, "temperature_scale": 20.0, "static_ratio": 1.3, "speed_scale": 2e-3,
-         "capacity": 0.01, "cooling": 0.02},
+        "contact_temperature",
+        "black",
+        {
+            "mu_cold": 0.3,
+            "mu_hot": 0.2,
+            "temperature_scale": 20.0,
+            "static_ratio": 1.3,
+            "speed_scale": 2e-3,
+            "capacity": 0.01,
+            "cooling": 0.02,
+        },
     ),
-}  # fmt: skip
+}
 """Label of a curve -> name of the law, colour, values."""
 
 

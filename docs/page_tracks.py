@@ -17,10 +17,22 @@ FILE = Path(__file__).parents[1] / "rig" / "web" / "page" / "tracks.json"
 FRAMES = 24
 """Pictures of one track, which lasts for about one period of the vibration and is shown again and again."""
 SCENES = {  # scene -> time at which its track begins [s]
-    "pendulum": 5.0, "belt": 3.0, "lever": 4.0, "tip": 0.05, "tread": 1.0, "seal_p": 3.0, "two_dof": 20.0,
-    "four_dof": 14.0, "disc_slider": 4.0, "pin": 1.0,
-    "plate": 0.2, "north": 0.5, "brake": 0.5, "belt_shunt": 3.0, "belt_tuned_mass": 0.2,
-}  # fmt: skip
+    "pendulum": 5.0,
+    "belt": 3.0,
+    "lever": 4.0,
+    "tip": 0.05,
+    "tread": 1.0,
+    "seal_p": 3.0,
+    "two_dof": 20.0,
+    "four_dof": 14.0,
+    "disc_slider": 4.0,
+    "pin": 1.0,
+    "plate": 0.2,
+    "north": 0.5,
+    "brake": 0.5,
+    "belt_shunt": 3.0,
+    "belt_tuned_mass": 0.2,
+}
 FEWER = {"brake": 12}
 SHORTEST = 5
 """Fewest samples of a period."""

@@ -30,8 +30,12 @@ address = json.load(plant)
 seat = next(file for path in sorted((runs / f"{run}.users").glob("guest-*")) if free(file := path.open("r+")))
 user = Path(seat.name).name
 auth = {"usrpwd": {"user": user, "password": seat.read()}}
-config = {"mode": "client", "connect": {"endpoints": [address["endpoint"]]}, "transport": {"auth": auth},
-          "scouting": {"multicast": {"enabled": False}}}  # fmt: skip
+config = {
+    "mode": "client",
+    "connect": {"endpoints": [address["endpoint"]]},
+    "transport": {"auth": auth},
+    "scouting": {"multicast": {"enabled": False}},
+}
 with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
 
     def ask(topic: str, body: dict) -> dict:  # noqa: D103
@@ -43,8 +47,11 @@ with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
     ask("cmd/plant", {"do": "admit", "controller": NAME, "reads": READS, "drives": DRIVES, "period_ns": PERIOD_NS})
     steps, answer, tick, sent = queue.SimpleQueue(), b"", -1, 0
     subscriber = session.declare_subscriber(f"loop/{run}/plant/step", steps.put)
-    act = session.declare_publisher(f"loop/{run}/{user}/act/{NAME}", priority=zenoh.Priority.REAL_TIME,
-                                    encoding=f"application/protobuf;rig.Act@{address['speaks']}")  # fmt: skip
+    act = session.declare_publisher(
+        f"loop/{run}/{user}/act/{NAME}",
+        priority=zenoh.Priority.REAL_TIME,
+        encoding=f"application/protobuf;rig.Act@{address['speaks']}",
+    )
     token = session.liveliness().declare_token(f"rig/{run}/{user}/alive/controller/{NAME}")
     while steps.qsize() or not free(plant):  # the plant has its file locked while it lives
         try:

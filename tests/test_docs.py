@@ -21,12 +21,16 @@ from rig.quantities import Unit
 from rig.scenes.faults import metadata
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
-         *sorted((ROOT / "docs").glob("*.md")),
-         *sorted((ROOT / "docs" / "gallery").glob("*.md")),
-         *sorted((ROOT / "docs" / "lessons").glob("*.md")),
-         *sorted((ROOT / "docs" / "reference").glob("*.md")),
-         *sorted((ROOT / "docs" / "theory").glob("*.md"))]  # fmt: skip
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "recordings" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "gallery").glob("*.md")),
+    *sorted((ROOT / "docs" / "lessons").glob("*.md")),
+    *sorted((ROOT / "docs" / "reference").glob("*.md")),
+    *sorted((ROOT / "docs" / "theory").glob("*.md")),
+]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PYTHON = ("docs/python.md", "docs/export.md", "docs/studies.md", "docs/robust.md", "docs/gym.md")
 
@@ -146,8 +150,10 @@ def test_the_table_of_friction_laws_is_that_of_the_program():
     size = iter(range(1, 100))
     for law, formula, at_rest, keys, defaults in laws():
         fields = {key: info for key, info in declared[law].model_fields.items() if key != "law"}
-        units = {key: next((str(one) for one in metadata(info.annotation, info.metadata) if isinstance(one, Unit)), "1")
-                 for key, info in fields.items()}  # fmt: skip
+        units = {}
+        for key, info in fields.items():
+            stated = (str(one) for one in metadata(info.annotation, info.metadata) if isinstance(one, Unit))
+            units[key] = next(stated, "1")
         told = dict(re.findall(r"`(\w+)`(?: \[([^,]*)\])?", keys))
         assert told == {key: unit.replace("1", "") if unit == "1" else unit for key, unit in units.items()}, law
         optional = dict(re.findall(r"`(\w+) = ([^`]*)`", defaults))

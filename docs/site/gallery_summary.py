@@ -21,23 +21,24 @@ def counts() -> Iterable[str]:
         for one in figure["comparisons"]:
             row[one["source"]] += 1
             row["agree"] += one["agrees"]
-    cells = [
-        (paper, str(row["figures"]), *(str(row[one]) for one in _SOURCES),
-         str(sum(row[one] for one in _SOURCES)), str(row["agree"]))
-        for paper, row in rows.items()
-    ]  # fmt: skip
+    cells = []
+    for paper, row in rows.items():
+        by_source = [row[source] for source in _SOURCES]
+        numbers = (row["figures"], *by_source, sum(by_source), row["agree"])
+        cells.append((paper, *map(str, numbers)))
     return table(("paper", "figures", *_SOURCES, "numbers", "agree"), cells)
 
 
 def differing() -> Iterable[str]:
     """Every number outside of its bound, from the numbers of the gallery."""
-    rows = [
-        (f"[{figure['name']}](gallery/README.md#{figure['name']})", plain(one["what"]), _number(one, "ours"),
-         _number(one, "expected"), one["source"])
-        for figure in json.loads((GALLERY / "numbers.json").read_text())
-        for one in figure["comparisons"]
-        if not one["agrees"] and one["expected"] is not None
-    ]  # fmt: skip
+    rows = []
+    for figure in json.loads((GALLERY / "numbers.json").read_text()):
+        link = f"[{figure['name']}](gallery/README.md#{figure['name']})"
+        for one in figure["comparisons"]:
+            if not one["agrees"] and one["expected"] is not None:
+                ours = _number(one, "ours")
+                expected = _number(one, "expected")
+                rows.append((link, plain(one["what"]), ours, expected, one["source"]))
     return table(("figure", "number", "ours", "expected", "source"), rows) or ["No number lies outside of its bound."]
 
 

@@ -65,7 +65,9 @@ def plant(
     printing.run_warnings(scene, duration)
     awaited: list[tuple[str, str]] = []
     if wait:
-        awaited = [("controller", key) for key in scene.controllers if key not in scene.in_plant]
+        for key in scene.controllers:
+            if key not in scene.in_plant:
+                awaited.append(("controller", key))
     job = Job.at(
         factor,
         scene,
@@ -132,10 +134,13 @@ def view(
     trust: bool,
 ) -> None:
     """Show a recording or a live run in rerun: the rig, its curves, events, commands and protocol."""
+    two_runs = log and run is not None
+    two_tickets = log and ticket is not None
+    other_format = save and save.suffix != ".rrd"
     refuse_all(
-        (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
-        (log and ticket is not None, f"{log} and --ticket {ticket}: name a recording or a live run, not both"),
-        (save and save.suffix != ".rrd", f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
+        (two_runs, f"{log} and --run {run}: name a recording or a live run, not both"),
+        (two_tickets, f"{log} and --ticket {ticket}: name a recording or a live run, not both"),
+        (other_format, f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
     )
     check("rerun", "view", "rig view")
     if log is None:

@@ -58,7 +58,8 @@ def contact_points(contact: Contact, full: Full, mesh: Mesh) -> Points:
         slave = np.setdiff1d(slave, master)
     elif contact.master.box is not None and contact.slave.box is None:
         master = np.setdiff1d(master, slave)
-    if len(both := np.intersect1d(slave, master)):
+    both = np.intersect1d(slave, master)
+    if len(both):
         what = f"{len(both)} nodes are slave and master, the first is {mesh.ids[both[0]]}"
         advice = " (a box leaves out those of a set or a list)" * (contact.slave.box is not None)
         faults.append(f"{what}; the two sides need nodes of their own{advice}")
@@ -76,21 +77,24 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     other = surface(mesh, master, toward, "master")
     if toward is None and not own.closed:
         raise SceneError("", ['normal: "face" needs solid elements at the slave; give a direction'])
+    nodes = len(mesh.ids)
+    face_areas = np.linalg.norm(own.outward, axis=1)
     across = unit(own.outward) if toward is None else np.tile(toward, (len(own.corners), 1))
-    met = meeting(own.corners.mean(axis=1), across, other, contact.search, len(mesh.ids))[0]
-    sizes = np.linalg.norm(own.outward, axis=1) * met  # without faces that meet nothing, such as the sides of a pad
-    area = np.zeros(len(mesh.ids))
-    inward = np.zeros((len(mesh.ids), 3))
+    met = meeting(own.corners.mean(axis=1), across, other, contact.search, nodes)[0]
+    sizes = face_areas * met  # without faces that meet nothing, such as the sides of a pad
+    area = np.zeros(nodes)
+    inward = np.zeros((nodes, 3))
     np.add.at(area, own.nodes, own.shares * sizes[:, None])
     against = -(own.outward * met[:, None])
     np.add.at(inward, own.nodes, own.shares[:, :, None] * against[:, None, :])
-    at = np.flatnonzero(area) if met.any() else np.unique(own.nodes[own.shares > 0.0])
+    own_nodes = np.unique(own.nodes[own.shares > 0.0])
+    at = np.flatnonzero(area) if met.any() else own_nodes
     if toward is None and met.any():
         normal = unit(inward[at])
     else:
         normal = np.tile(across[0], (len(at), 1))
     face_met = met
-    met, weights, gap, miss = meeting(mesh.xyz[at], normal, other, contact.search, len(mesh.ids))
+    met, weights, gap, miss = meeting(mesh.xyz[at], normal, other, contact.search, nodes)
     if not area.any() or not met.any():
         closest = int(np.argmin(np.hypot(gap, miss)))
         what = "no master face lies on the normal of a slave node"
@@ -99,16 +103,20 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
             if miss[closest]:
                 what += f" and lies {miss[closest]:.3g} m beyond the master"
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
+    lost = at[~met]
+    doubts = _beyond(contact, mesh, own, other, across, face_met, lost, area[lost], inward[lost])
+    slaves = mesh.ids[at[met]]
+    masters = mesh.ids[np.unique(weights[met].indices)]
     found = Met(
-        nodes=len(np.unique(own.nodes[own.shares > 0.0])),
+        nodes=len(own_nodes),
         pairs=int(met.sum()),
-        offered=float(np.linalg.norm(own.outward, axis=1).sum()),
+        offered=float(face_areas.sum()),
         met=float(area[at[met]].sum()),
         gap=float(gap[met].max()),
         asked=contact.points[0] * contact.points[1] if contact.points else 0,
-        doubts=_beyond(contact, mesh, own, other, across, face_met, at[~met], area[at[~met]], inward[at[~met]]),
-        slaves=frozenset(mesh.ids[at[met]].tolist()),
-        masters=frozenset(mesh.ids[np.unique(weights[met].indices)].tolist()),
+        doubts=doubts,
+        slaves=frozenset(slaves.tolist()),
+        masters=frozenset(masters.tolist()),
     )
     at = at[met]
     normal = normal[met]
@@ -118,7 +126,7 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     place = mesh.xyz[at]
     area = area[at]
     sliding, radius = _sliding(contact, mesh, at, normal)
-    slave_nodes = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), len(mesh.ids)))
+    slave_nodes = sp.csr_array((np.ones(len(at)), (range(len(at)), at)), shape=(len(at), nodes))
     pairs = slave_nodes - weights
     _refuse_tied(full, mesh, pairs)
     cell = np.arange(len(at)) if contact.points is None else _cells(contact, place, sliding, normal)
@@ -186,10 +194,12 @@ def _sliding(contact: Contact, mesh: Mesh, at: Numbers, normal: Array) -> tuple[
     else:
         sliding = np.tile(unit(np.array(contact.sliding)), (len(at), 1))
         radius = np.ones(len(at))
-    sliding = sliding - (sliding * normal).sum(axis=1)[:, None] * normal
+    through = (sliding * normal).sum(axis=1)
+    sliding = sliding - through[:, None] * normal
     along_normal = np.flatnonzero(np.linalg.norm(sliding, axis=1) < FACING)
     if along_normal.size:
-        what = f"the sliding at node {mesh.ids[at[along_normal[0]]]} points along the normal"
+        node = mesh.ids[at[along_normal[0]]]
+        what = f"the sliding at node {node} points along the normal"
         raise SceneError("", [f"{what}; a contact slides along its surface"])
     return unit(sliding), radius
 
@@ -218,8 +228,9 @@ def _rows(full: Full, mesh: Mesh, pairs: sp.csr_array, directions: Array) -> sp.
     at = mesh.at(full.node[free])
     total = sp.csr_array((len(directions), full.rows))
     for k in range(3):
-        rows = free[full.direction[free] == k]
-        nodes = at[full.direction[free] == k]
+        along_axis = full.direction[free] == k
+        rows = free[along_axis]
+        nodes = at[along_axis]
         place = sp.csr_array((full.share[rows], (nodes, rows)), shape=(len(mesh.ids), full.rows))
         total = total + sp.diags_array(directions[:, k]) @ (pairs @ place)
     total.eliminate_zeros()
@@ -234,10 +245,12 @@ def _cells(contact: Contact, place: Array, sliding: Array, normal: Array) -> Num
         arms = place - np.array(contact.centre)
         across = np.linalg.norm(np.cross(axis, arms), axis=1)
         first = arms[0] - (arms[0] @ axis) * axis
-        angle = np.arctan2(np.cross(axis, first) @ arms.T, first @ arms.T)
+        second = np.cross(axis, first)
+        angle = np.arctan2(second @ arms.T, first @ arms.T)
         ordered = np.sort(angle)
         holes = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
-        begin = ordered[(int(np.argmax(holes)) + 1) % len(holes)]
+        widest = int(np.argmax(holes))
+        begin = ordered[(widest + 1) % len(holes)]
         along = (angle - begin + 1e-9) % (2.0 * np.pi)
     else:
         along = place @ sliding[0]

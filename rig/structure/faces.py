@@ -83,8 +83,9 @@ def surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> Surf
             parts.append((corners[:, triangle], mesh.faces[faces], spread, shares, mesh.within[faces]))
     if parts:
         places, members, spread, shares, within = [np.concatenate(arrays) for arrays in zip(*parts)]
-        outward = 0.5 * np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-        away = ((places.mean(axis=1) - within) * outward).sum(axis=1)
+        outward = _areas(places)
+        from_body = places.mean(axis=1) - within
+        away = (from_body * outward).sum(axis=1)
         outward = np.where(away < 0.0, -1.0, 1.0)[:, None] * outward
         sizes = np.linalg.norm(outward, axis=1)
         kept = sizes > 0.0
@@ -97,6 +98,13 @@ def surface(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> Surf
         raise SceneError("", [f"{side}: none of its {len(chosen)} faces faces along the normal; turn the normal"])
     what = f"none of the outer faces has all its nodes among the {len(nodes)} chosen ones"
     raise SceneError("", [f"{side}: {what}; choose all nodes of faces"])
+
+
+def _areas(corners: Array) -> Array:
+    """The normals of triangles with these corners [triangle, 3, 3] m, each of the length of the area [m^2]."""
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    return np.asarray(0.5 * np.cross(first, second))
 
 
 def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> Surface:
@@ -113,7 +121,7 @@ def _flat(mesh: Mesh, nodes: Numbers, toward: Array | None, side: str) -> Surfac
     members = np.full((len(triangles), 8), -1, dtype=np.int64)
     members[:, :3] = nodes[triangles]
     places = mesh.xyz[members[:, :3]]
-    outward = 0.5 * np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    outward = _areas(places)
     outward = -np.abs(outward @ toward)[:, None] * toward
     spread = np.zeros((len(triangles), 3, 8))
     shares = np.zeros((len(triangles), 8))
@@ -154,13 +162,15 @@ def meeting(
     system = system[faced]
     from_corner = places[slave] - a[face]
     u, v, gap = np.linalg.solve(system, from_corner[:, :, None])[:, :, 0].T
-    inner = np.stack([1.0 - u - v, u, v], axis=1)
+    inner = np.stack([1.0 - u - v, u, v], axis=1)  # barycentric
     edges = np.stack([(c - b)[face], (c - a)[face], (b - a)[face]])
     sides = np.linalg.norm(edges, axis=2).T
     heights = 2.0 * area[faced][:, None] / sides
-    miss = np.maximum(0.0, -(inner * heights).min(axis=1))
+    beyond = -(inner * heights).min(axis=1)
+    miss = np.maximum(0.0, beyond)
     miss = np.where(miss < 1e-9 * heights.max(axis=1), 0.0, miss)
-    distance = np.round(np.hypot(gap, miss) / max(search, 1e-12), 9)
+    reach = np.hypot(gap, miss) / max(search, 1e-12)
+    distance = np.round(reach, 9)
     order = np.lexsort((face, distance, slave))
     first = order[np.r_[True, np.diff(slave[order]) > 0]] if len(order) else order
     gaps = np.full(len(places), np.inf)
@@ -182,11 +192,14 @@ def facing(places: Array, outward: Array, other: Surface, closed: bool, search: 
     It is infinite where there is none. `closed`: the sense of `outward` is known; faces behind a place then count
     within ten times `search`: bodies that overlap. Of many places some are tried; it is NaN at the others.
     """
+    distances = np.full(len(places), np.nan)
+    if not len(places):
+        return distances
     a, b, c = other.corners.transpose(1, 0, 2)
     count = max(1, min(len(places), _PAIRS // len(a)))
-    chosen = np.unique(np.linspace(0, len(places) - 1, count).astype(np.int64)) if len(places) else ()
-    distances = np.full(len(places), np.nan)
-    for some in np.array_split(chosen, -(-len(chosen) * len(a) // _AT_ONCE)) if len(chosen) else ():
+    chosen = np.unique(np.linspace(0, len(places) - 1, count).astype(np.int64))
+    batches = -(-len(chosen) * len(a) // _AT_ONCE)
+    for some in np.array_split(chosen, batches):
         ray = outward[some][:, None]
         across = np.cross(ray, (c - a)[None])
         volume = (across * (b - a)).sum(axis=2)

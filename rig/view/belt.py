@@ -58,8 +58,10 @@ class Belt(base.Picture):
         lean = self._drawn.lean
         if not lean:
             return base.Shape("Boxes3D", half_sizes=[(0.2, 0.2, 0.17)], centers=[(0.0, 0.0, 0.19)])
+        rod = (0.06, 0.06, 0.4)
+        middle = (-0.26, 0.0, 0.32)
         turn = (0.0, -np.sin(lean), 0.0, np.cos(lean))
-        return base.Shape("Boxes3D", half_sizes=[(0.06, 0.06, 0.4)], centers=[(-0.26, 0.0, 0.32)], quaternions=[turn])
+        return base.Shape("Boxes3D", half_sizes=[rod], centers=[middle], quaternions=[turn])
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -92,9 +94,11 @@ class Belt(base.Picture):
         zoom = self.scale.motion
         x = zoom * s[drawn.along] if drawn.along else np.zeros(len(s[drawn.surface]))
         zero = np.zeros_like(x)
-        up = np.full_like(x, GAP if drawn.lifted else 0.0)
+        rest = GAP if drawn.lifted else 0.0
+        across = ACROSS if drawn.lifted else 1.0
+        up = np.full_like(x, rest)
         if drawn.up:
-            up = up + zoom * (ACROSS if drawn.lifted else 1.0) * s[drawn.up]
+            up = up + zoom * across * s[drawn.up]
         placed: dict[str, Any] = {"translation": np.stack((x, zero, up), axis=1)}
         if drawn.turn:
             half = 0.5 * zoom * s[drawn.turn]

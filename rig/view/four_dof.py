@@ -38,24 +38,30 @@ class ThreeBodies(Belt):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         super().static(log)
-        log("rig/body_1", base.Shape.box((_HALF, _HALF, _HALF), _SIDE))
-        log("rig/body_3", base.Shape.box((_HALF, _HALF, _HALF), _TOP))
-        log("rig/ceiling", base.Shape.box((0.35, 0.35, 0.03), _CEILING))
-        log("rig/post", base.Shape.box((0.03, 0.03, 0.45), _POST - (0.0, 0.0, 0.45)))
+        cube = (_HALF, _HALF, _HALF)
+        ceiling = base.Shape.box((0.35, 0.35, 0.03), _CEILING)
+        post = base.Shape.box((0.03, 0.03, 0.45), _POST - (0.0, 0.0, 0.45))
+        log("rig/body_1", base.Shape.box(cube, _SIDE))
+        log("rig/body_3", base.Shape.box(cube, _TOP))
+        log("rig/ceiling", ceiling)
+        log("rig/post", post)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
     ) -> list[base.Columns]:
         drawn = {columns.path: columns for columns in super()._frames(t_ns, s, modes, ran)}
-        body_1 = base.along(0, self.scale.motion * s["body_1_displacement"])
+        zoom = self.scale.motion
+        body_1 = base.along(0, zoom * s["body_1_displacement"])
         body_2 = self._placed(s)["translation"] + (0.0, 0.0, 0.19)
-        body_3 = base.along(2, self.scale.motion * ACROSS * s["body_3_height"])
+        body_3 = base.along(2, zoom * ACROSS * s["body_3_height"])
         heads = body_2 + np.array((0.15, 0.0, 0.18))
-        texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
-        drawn["rig/spring"] = base.spring(t_ns, *_springs(_SIDE + body_1, body_2, _TOP + body_3))
+        normal = s["normal_force"]
+        texts = self._contact_text(modes, s["friction_force"], normal)
+        springs = _springs(_SIDE + body_1, body_2, _TOP + body_3)
+        drawn["rig/spring"] = base.spring(t_ns, *springs)
         drawn["rig/body_1"] = base.moved("rig/body_1", t_ns, translation=body_1)
         drawn["rig/body_3"] = base.moved("rig/body_3", t_ns, translation=body_3)
-        drawn["rig/load"] = self._load(t_ns, heads, s["normal_force"])
+        drawn["rig/load"] = self._load(t_ns, heads, normal)
         drawn["rig/word"] = base.word(t_ns, (0.55, 0.0, 1.2), texts, base.coloured(modes))
         return list(drawn.values())
 
@@ -65,11 +71,13 @@ def _springs(body_1: base.Reals, body_2: base.Reals, body_3: base.Reals) -> list
     wall = np.broadcast_to(_WALL, body_1.shape)
     post = np.broadcast_to(_POST, body_1.shape)
     ceiling = np.broadcast_to(_CEILING, body_1.shape)
+    beside = _HALF * _ALONG
+    above = _HALF * _UPRIGHT
     ends = (
-        (wall, body_1 - _HALF * _ALONG),
-        (body_1 + _HALF * _ALONG, body_2 - 0.2 * _ALONG),
+        (wall, body_1 - beside),
+        (body_1 + beside, body_2 - 0.2 * _ALONG),
         (body_2 + np.array((-0.15, 0.2, 0.1)), post),
-        (body_2 + 0.17 * _UPRIGHT, body_3 - _HALF * _UPRIGHT),
-        (body_3 + _HALF * _UPRIGHT, ceiling),
+        (body_2 + 0.17 * _UPRIGHT, body_3 - above),
+        (body_3 + above, ceiling),
     )
     return [base.zigzag(begin, end, flat=False) for begin, end in ends]

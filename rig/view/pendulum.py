@@ -38,11 +38,15 @@ class Pendulum(base.Picture):
         """See `Picture.static`."""
         disc(log)
         shaft = base.Shape("Cylinders3D", lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[base.STEEL])
+        arm = base.Shape.box((_ARM / 2, 0.035, 0.03), (_ARM / 2, 0, 0.2))
+        shoe = base.Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)])
+        friction = base.Shape.arrow((_ARM + 0.1, 0, 0.06), self.friction, 0.016)
+        post = base.Shape.box((0.04, 0.04, 0.15), _POST - (0, 0, 0.05))
         log("rig/pendulum/shaft", shaft)
-        log("rig/pendulum/arm", base.Shape.box((_ARM / 2, 0.035, 0.03), (_ARM / 2, 0, 0.2)))
-        log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)]))
-        log("rig/pendulum/friction", base.Shape.arrow((_ARM + 0.1, 0, 0.06), self.friction, 0.016))
-        log("rig/post", base.Shape.box((0.04, 0.04, 0.15), _POST - (0, 0, 0.05)))
+        log("rig/pendulum/arm", arm)
+        log("rig/pendulum/shoe", shoe)
+        log("rig/pendulum/friction", friction)
+        log("rig/post", post)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -77,9 +81,12 @@ class Slider(Pendulum):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         disc(log)
-        log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)]))
-        log("rig/pendulum/friction", base.Shape.arrow((_PLACE + 0.13, 0, 0.06), self.friction, 0.016))
-        log("rig/post", base.Shape.box((0.04, 0.04, 0.2), _STAND - (0, 0, 0.05)))
+        slider = base.Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)])
+        friction = base.Shape.arrow((_PLACE + 0.13, 0, 0.06), self.friction, 0.016)
+        post = base.Shape.box((0.04, 0.04, 0.2), _STAND - (0, 0, 0.05))
+        log("rig/pendulum/shoe", slider)
+        log("rig/pendulum/friction", friction)
+        log("rig/post", post)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -111,8 +118,11 @@ def disc(log: base.Log) -> None:
     """Send a disc of radius one that turns about the z axis, with marks."""
     turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     rays = np.stack((np.cos(turns), np.sin(turns), np.full(24, 0.02) / 0.99), axis=1)
-    spokes = [np.stack((ray * (0.93, 0.93, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays]
-    spokes += [np.stack((ray * (0.3, 0.3, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays[::8]]
+    rim = rays * (0.99, 0.99, 1.0)
+    short = rays * (0.93, 0.93, 1.0)
+    long = rays * (0.3, 0.3, 1.0)
+    spokes = [np.stack(ends) for ends in zip(short, rim)]
+    spokes += [np.stack(ends) for ends in zip(long[::8], rim[::8])]
     cylinder = base.Shape("Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[base.DISC])
     log("rig/disc", cylinder)
     log("rig/disc/marks", base.Shape.marks(spokes, 0.006))

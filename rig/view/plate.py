@@ -129,7 +129,9 @@ class Plate(base.Picture):
 
     def _turned(self, s: Mapping[str, base.Reals]) -> base.Reals:
         """Quaternions of the magnified pitch about y and roll about x."""
-        pitch, roll = (0.5 * self.scale.motion * s[f"{name}_displacement"] for name in ("pitch", "roll"))
+        half = 0.5 * self.scale.motion
+        pitch = half * s["pitch_displacement"]
+        roll = half * s["roll_displacement"]
         turned = np.stack((roll, pitch, np.zeros_like(roll), np.ones_like(roll)), axis=1)
         return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
 
@@ -177,5 +179,9 @@ def _scale(p: Parameters, system: System, force: float) -> base.Scale:
         stiffness = stiffness + (system.film.stiffness * normal) @ normal.T
     heave = list(system.names[:count]).index("z")
     loads = force * np.eye(count)[heave]
-    deflection = abs(float(np.linalg.solve(stiffness, loads)[heave]))
-    return base.Scale(base.round_down(_MOVED * _LENGTH / deflection) if deflection else 1.0, force or 1.0)
+    moved = np.linalg.solve(stiffness, loads)
+    deflection = abs(float(moved[heave]))
+    magnified = 1.0
+    if deflection:
+        magnified = base.round_down(_MOVED * _LENGTH / deflection)
+    return base.Scale(magnified, force or 1.0)

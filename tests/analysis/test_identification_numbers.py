@@ -11,6 +11,7 @@ import os
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -22,38 +23,94 @@ from rig.record.run import Samples
 
 pytestmark = pytest.mark.slow
 COUNT, ROWS = int(os.environ.get("RIGS", "48")), os.environ.get("ROWS", "")
-PLANTS = {
-    "belt": (
-        {"friction.mu_static": 0.5, "friction.mu_dynamic": 0.18, "friction.speed_scale": 0.05, "body.damping": 2.0},
-        ((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)), "displacement", 1e-5, 0.01, 6.0, ("start.velocity", 1.0),
-    ),
-    "pendulum": (
-        {"friction.mu_static": 0.5, "friction.mu_dynamic": 0.18, "friction.speed_scale": 0.05, "body.damping": 0.08},
-        ((0.25, 16.0), (0.50, 16.0), (0.50, 26.0)), "displacement", 1e-5, 0.01, 7.0, ("start.velocity", 0.2),
-    ),
-    "lever": (
-        {"friction.mu_static": 0.42, "friction.mu_kinetic": 0.25, "cylinder.damping": 0.12, "friction.decay": 220.0},
-        ((0.10, 20.0), (0.06, 20.0), (0.10, 28.0)), "arm_displacement", 5e-6, 0.003, 14.0,
-        ("start.angular_velocity", 0.1),
-    ),
-    "seal_l": (
-        {"friction.mixed_force": 9.7, "friction.decay": 620.0, "body.damping": 3.17, "body.mass": 0.2},
-        ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.0005, 3.0, None,
-    ),
-    "seal_p": (
-        {"friction.mixed_force": 9.7, "friction.decay": 700.0, "friction.film": 37.9, "body.mass": 0.2},
-        ((0.003, 10.0), (0.0045, 10.0)), "displacement", 4e-7, 0.0005, 3.0, None,
-    ),
-    "belt_c": (
-        {"friction.mu_static": 0.6, "friction.mu_kinetic": 0.25, "body.mass": 5.0},
-        ((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)), "displacement", 1e-5, 0.01, 6.0, ("start.velocity", 1.0),
-    ),
-}  # fmt: skip
-"""Scene -> free keys with their values, (speed, load) of the runs, output, noise, process noise, seconds, and the start
-that follows the speed: stuck, so that a cycle is reached where sliding is stable too. A lever with a period of 1.1 s
-needs 14 s for ten cycles.
-"""
 RATE = 5e3
+
+
+class Plant(NamedTuple):
+    """A scene to identify.
+
+    `free`: free keys with their values. `runs`: speed and load of each. `start`: key and value per speed of a start
+    that is stuck, so that a cycle is reached where sliding is stable too.
+    """
+
+    free: dict[str, float]
+    runs: tuple[tuple[float, float], ...]
+    output: str
+    noise: float
+    process_noise: float
+    seconds: float
+    start: tuple[str, float] | None = None
+
+
+PLANTS = {
+    "belt": Plant(
+        free={
+            "friction.mu_static": 0.5,
+            "friction.mu_dynamic": 0.18,
+            "friction.speed_scale": 0.05,
+            "body.damping": 2.0,
+        },
+        runs=((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)),
+        output="displacement",
+        noise=1e-5,
+        process_noise=0.01,
+        seconds=6.0,
+        start=("start.velocity", 1.0),
+    ),
+    "pendulum": Plant(
+        free={
+            "friction.mu_static": 0.5,
+            "friction.mu_dynamic": 0.18,
+            "friction.speed_scale": 0.05,
+            "body.damping": 0.08,
+        },
+        runs=((0.25, 16.0), (0.50, 16.0), (0.50, 26.0)),
+        output="displacement",
+        noise=1e-5,
+        process_noise=0.01,
+        seconds=7.0,
+        start=("start.velocity", 0.2),
+    ),
+    "lever": Plant(  # its period of 1.1 s needs 14 s for ten cycles
+        free={
+            "friction.mu_static": 0.42,
+            "friction.mu_kinetic": 0.25,
+            "cylinder.damping": 0.12,
+            "friction.decay": 220.0,
+        },
+        runs=((0.10, 20.0), (0.06, 20.0), (0.10, 28.0)),
+        output="arm_displacement",
+        noise=5e-6,
+        process_noise=0.003,
+        seconds=14.0,
+        start=("start.angular_velocity", 0.1),
+    ),
+    "seal_l": Plant(
+        free={"friction.mixed_force": 9.7, "friction.decay": 620.0, "body.damping": 3.17, "body.mass": 0.2},
+        runs=((0.003, 10.0), (0.0045, 10.0)),
+        output="displacement",
+        noise=4e-7,
+        process_noise=0.0005,
+        seconds=3.0,
+    ),
+    "seal_p": Plant(
+        free={"friction.mixed_force": 9.7, "friction.decay": 700.0, "friction.film": 37.9, "body.mass": 0.2},
+        runs=((0.003, 10.0), (0.0045, 10.0)),
+        output="displacement",
+        noise=4e-7,
+        process_noise=0.0005,
+        seconds=3.0,
+    ),
+    "belt_c": Plant(
+        free={"friction.mu_static": 0.6, "friction.mu_kinetic": 0.25, "body.mass": 5.0},
+        runs=((0.05, 16.0), (0.10, 16.0), (0.10, 26.0)),
+        output="displacement",
+        noise=1e-5,
+        process_noise=0.01,
+        seconds=6.0,
+        start=("start.velocity", 1.0),
+    ),
+}
 
 
 def say(*parts):

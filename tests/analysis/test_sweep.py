@@ -125,9 +125,14 @@ def test_a_critical_value_on_a_value_of_the_sweep_is_told_once():
     assert [one.value for one in found.critical] == [pytest.approx(0.5, rel=1e-12)]
 
 
-@pytest.mark.parametrize(("start", "end", "becomes", "sides"), [
-    (0.0, 0.5, "unstable", (0, None)), (0.5, 1.0, "unstable", (0, 2)), (1.0, 0.5, "unstable", (0, 2)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("start", "end", "becomes", "sides"),
+    [
+        (0.0, 0.5, "unstable", (0, None)),
+        (0.5, 1.0, "unstable", (0, 2)),
+        (1.0, 0.5, "unstable", (0, 2)),
+    ],
+)
 def test_a_critical_value_at_an_end_of_the_axis_is_told(start, end, becomes, sides):
     [one] = over(lambda p: turning(p - 0.5, 5.0), start, end, 6).critical
     assert one.value == pytest.approx(0.5, rel=1e-7)

@@ -96,12 +96,20 @@ FAULTS = {
     "D contains a number that is not finite": {"D": math.nan, "dt": 0.001},
     "improper: num has degree 2, den 1": {"num": [1, 2, 3], "den": [1, 1], "dt": 0.001},
     r"A is 1 x 2, expected 1 x 1; B is 1 x 1, expected 1 x 2 \(D is 1 x 2\)": {
-        "A": [[1, 2]], "B": [[1]], "C": [[1]], "D": [[0, 1]], "dt": 0.001,
+        "A": [[1, 2]],
+        "B": [[1]],
+        "C": [[1]],
+        "D": [[0, 1]],
+        "dt": 0.001,
     },
     "has no effect on the outputs": {
-        "A": [[1, 0], [0, 1]], "B": [[1], [0]], "C": [[1, 0]], "D": [[0]], "dt": 0.001,
+        "A": [[1, 0], [0, 1]],
+        "B": [[1], [0]],
+        "C": [[1, 0]],
+        "D": [[0]],
+        "dt": 0.001,
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("told", FAULTS)

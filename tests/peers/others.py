@@ -299,8 +299,9 @@ def siconos_conveyor(step: float) -> Measured:
     body = sk.LagrangianLinearTIDS([0.0, 0.0], [0.0, 0.0], np.diag([m, m]), np.diag([k, 0.0]), np.diag([d, 0.0]))
     body.setFExtPtr(np.array([0.0, -m * G]))
     push = body.fExt()
-    contact = sk.Interaction(sk.NewtonImpactFrictionNSL(0.0, 0.0, 1.5, 2),
-                             sk.LagrangianLinearTIR(np.array([[0.0, 1.0], [1.0, 0.0]])))  # fmt: skip
+    law = sk.NewtonImpactFrictionNSL(0.0, 0.0, 1.5, 2)
+    relation = sk.LagrangianLinearTIR(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    contact = sk.Interaction(law, relation)
     world = sk.NonSmoothDynamicalSystem(0.0, 100.0)
     world.insertDynamicalSystem(body)
     world.link(contact, body)

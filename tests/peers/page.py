@@ -102,10 +102,17 @@ def smooth(seconds: float = 20.0) -> Better:
         return float(solver.state[0])
 
     changes = {
-        "body.mass": 1.0, "body.stiffness": k, "body.damping": 0.0, "load.force": load, "drive.speed": v0,
-        "friction.mu_static": law[0], "friction.mu_dynamic": law[1], "friction.speed_scale": law[2],
-        "start.velocity": 0.0, "limits": "none",
-    }  # fmt: skip
+        "body.mass": 1.0,
+        "body.stiffness": k,
+        "body.damping": 0.0,
+        "load.force": load,
+        "drive.speed": v0,
+        "friction.mu_static": law[0],
+        "friction.mu_dynamic": law[1],
+        "friction.speed_scale": law[2],
+        "start.velocity": 0.0,
+        "limits": "none",
+    }
     system = rig.load("belt", changes).assemble().system()
     assert stribeck(*law).mu(1.0) == system.patches[0].law.mu(1.0)
     ticks = round(seconds * 1e3)
@@ -118,14 +125,16 @@ def smooth(seconds: float = 20.0) -> Better:
 
     (a, slow), (b, quick) = timed(ours), timed(theirs)
     why = "a Taylor series of order 18 needs few steps where nothing happens; ours has order 8"
-    return Better(f"{seconds:g} s of slip without an event at 1e-12 (difference {abs(a - b):.0e} m)", "heyoka", quick,
-                  slow, why)  # fmt: skip
+    measure = f"{seconds:g} s of slip without an event at 1e-12 (difference {abs(a - b):.0e} m)"
+    return Better(measure, "heyoka", quick, slow, why)
 
 
 def first_result() -> Better:
     """The first result in a new process."""
-    code = ("from scipy.integrate import solve_ivp; solve_ivp(lambda t, y: [y[1], -y[0]], (0, 1), [0, 1])",
-            "import rig; rig.simulate('belt', duration=1)")  # fmt: skip
+    code = (
+        "from scipy.integrate import solve_ivp; solve_ivp(lambda t, y: [y[1], -y[0]], (0, 1), [0, 1])",
+        "import rig; rig.simulate('belt', duration=1)",
+    )
     spent = []
     for line in code:
         spent.append(min(_process(line) for _ in range(3)))
@@ -146,13 +155,15 @@ def short_call() -> Better:
     begin = time.process_time()
     mujoco_slope(1e-3)
     theirs, ours = time.process_time() - begin, at_end("slope", "displacement")().seconds
-    return Better("1 s of a block on a slope, preparation included", "MuJoCo", theirs, ours,
-                  "ours examines the stability of every mode set first, whatever the length")  # fmt: skip
+    why = "ours examines the stability of every mode set first, whatever the length"
+    return Better("1 s of a block on a slope, preparation included", "MuJoCo", theirs, ours, why)
 
 
 BETTER: tuple[tuple[str, Callable[[], Better]], ...] = (
-    ("heyoka", smooth), ("scipy", first_result), ("mujoco", short_call),
-)  # fmt: skip
+    ("heyoka", smooth),
+    ("scipy", first_result),
+    ("mujoco", short_call),
+)
 
 
 def better() -> Iterator[str]:

@@ -21,10 +21,17 @@ import rig
 HERE = Path(__file__).parent
 G, STEEP = 9.81, math.radians(20.0)
 STRIBECK = {
-    "body.mass": 0.5, "body.stiffness": 400.0, "body.damping": 0.01 * math.sqrt(200.0), "load.force": 40.0,
-    "drive.speed": 4.0, "friction.mu_static": 1.25, "friction.mu_dynamic": 1.0, "friction.speed_scale": 0.1,
-    "start.velocity": 4.0, "limits": "none",
-}  # fmt: skip
+    "body.mass": 0.5,
+    "body.stiffness": 400.0,
+    "body.damping": 0.01 * math.sqrt(200.0),
+    "load.force": 40.0,
+    "drive.speed": 4.0,
+    "friction.mu_static": 1.25,
+    "friction.mu_dynamic": 1.0,
+    "friction.speed_scale": 0.1,
+    "start.velocity": 4.0,
+    "limits": "none",
+}
 """The belt of exudyn's example with a static force of 50 N, damping 0.005 of critical."""
 
 
@@ -77,15 +84,27 @@ def _period() -> Answer:
     return Answer(cycle.period, seconds)
 
 
+def _lugre() -> Answer:
+    travel = at_end("lugre", "displacement")()
+    return Answer(2.5 - travel.value, travel.seconds)
+
+
 def _points() -> Answer:
     return Answer(*timed(points.ours(100_000, 100)))
 
 
 def _end_of_stick_slip() -> Answer:
     changes = {
-        "body.mass": 1.0, "body.stiffness": 1.0, "body.damping": 0.1, "load.force": 1.0, "friction.mu_static": 1.0,
-        "friction.mu_dynamic": 0.5, "friction.speed_scale": 0.5, "drive.speed": 1.5, "limits": "none",
-    }  # fmt: skip
+        "body.mass": 1.0,
+        "body.stiffness": 1.0,
+        "body.damping": 0.1,
+        "load.force": 1.0,
+        "friction.mu_static": 1.0,
+        "friction.mu_dynamic": 0.5,
+        "friction.speed_scale": 0.5,
+        "drive.speed": 1.5,
+        "limits": "none",
+    }
     with TemporaryDirectory() as folder:
         begin = time.process_time()
         result = rig.branches(rig.load("belt", changes), "drive.speed=1 m/s:2 m/s", out=folder)
@@ -111,8 +130,10 @@ def walked(
             t, x = t + h, later
             held = {after: held[after] or bool(row @ x > 0.0) for after, row in ends.items()}
             continue
-        at = {after: brentq(lambda s, r=ends[after], x=x, A=matrix: r @ expm(A * s) @ x, 0.0, h, xtol=1e-16)
-              for after in passed}  # fmt: skip
+        at = {
+            after: brentq(lambda s, r=ends[after], x=x, A=matrix: r @ expm(A * s) @ x, 0.0, h, xtol=1e-16)
+            for after in passed
+        }
         phase = min(at, key=lambda after: at[after])
         t, x = t + at[phase], expm(matrix * at[phase]) @ x
         matrix, ends = phases(phase)
@@ -206,45 +227,98 @@ def belt_period() -> float:
 ZERO: Callable[[], float] = lambda: 0.0  # noqa: E731
 PROBLEMS = {
     "slope": Problem(
-        "Block on a slope", "MuJoCo documentation, Drake examples: inclined plane; 1 kg, 20 degrees, mu 0.5",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_end("slope", "displacement"), 0.0,
+        title="Block on a slope",
+        source="MuJoCo documentation, Drake examples: inclined plane; 1 kg, 20 degrees, mu 0.5",
+        measure="creep in 1 s",
+        unit="m",
+        exact=ZERO,
+        by="below the limit of friction nothing moves",
+        ours=at_end("slope", "displacement"),
+        tolerance=0.0,
     ),
     "grip": Problem(
-        "Capsule in a grip", "MuJoCo issue 3328: 45 g, mu 0.7, two fingers with 12 N",
-        "creep in 1 s", "m", ZERO, "below the limit of friction nothing moves", at_end("grip", "displacement"), 0.0,
-        {"MuJoCo (issue 3328)": 155e-6},
+        title="Capsule in a grip",
+        source="MuJoCo issue 3328: 45 g, mu 0.7, two fingers with 12 N",
+        measure="creep in 1 s",
+        unit="m",
+        exact=ZERO,
+        by="below the limit of friction nothing moves",
+        ours=at_end("grip", "displacement"),
+        tolerance=0.0,
+        stored={"MuJoCo (issue 3328)": 155e-6},
     ),
     "brake": Problem(
-        "Mass that is braked", "Modelica Standard Library, translational brake: 1 kg, 1 m/s, 1 N from 0.1 s",
-        "place at rest", "m", lambda: 0.6, "0.1 + 1/2", at_end("brake", "displacement"), 1e-14,
-        {"Modelica library (its reference)": 0.6 + 7e-12},
+        title="Mass that is braked",
+        source="Modelica Standard Library, translational brake: 1 kg, 1 m/s, 1 N from 0.1 s",
+        measure="place at rest",
+        unit="m",
+        exact=lambda: 0.6,
+        by="0.1 + 1/2",
+        ours=at_end("brake", "displacement"),
+        tolerance=1e-14,
+        stored={"Modelica library (its reference)": 0.6 + 7e-12},
     ),
     "drive_train": Problem(
-        "Drive train with clutch and brake", "Modelica Standard Library, Rotational.Examples.Friction",
-        "angle of the clutch at 3 s", "rad", train, "phases integrated at 1e-12", at_end("drive_train", "clutch_angle"),
-        1e-10, {"Modelica library (its reference)": 47.210622017430},
+        title="Drive train with clutch and brake",
+        source="Modelica Standard Library, Rotational.Examples.Friction",
+        measure="angle of the clutch at 3 s",
+        unit="rad",
+        exact=train,
+        by="phases integrated at 1e-12",
+        ours=at_end("drive_train", "clutch_angle"),
+        tolerance=1e-10,
+        stored={"Modelica library (its reference)": 47.210622017430},
     ),
     "conveyor": Problem(
-        "Box on a belt to and fro", "PathSim, example_stickslip_event",
-        "place at 100 s", "m", conveyor, "phases integrated at 1e-13", at_end("conveyor", "displacement"), 1e-12,
+        title="Box on a belt to and fro",
+        source="PathSim, example_stickslip_event",
+        measure="place at 100 s",
+        unit="m",
+        exact=conveyor,
+        by="phases integrated at 1e-13",
+        ours=at_end("conveyor", "displacement"),
+        tolerance=1e-12,
     ),
     "lugre": Problem(
-        "Mass on bristles (LuGre)", "Canudas de Wit et al. 1995; exudyn, lugreFrictionODE1",
-        "displacement at 25 s", "m", bristles, "Radau at 1e-11",
-        lambda: (lambda a: Answer(2.5 - a.value, a.seconds))(at_end("lugre", "displacement")()), 1e-9,
-        {"exudyn (its example, DOPRI5)": 1.90883919923},
+        title="Mass on bristles (LuGre)",
+        source="Canudas de Wit et al. 1995; exudyn, lugreFrictionODE1",
+        measure="displacement at 25 s",
+        unit="m",
+        exact=bristles,
+        by="Radau at 1e-11",
+        ours=_lugre,
+        tolerance=1e-9,
+        stored={"exudyn (its example, DOPRI5)": 1.90883919923},
     ),
     "belt": Problem(
-        "Mass, spring and belt", "exudyn, massSpringFrictionInteractive; static force 50 N, damping 0.005 of critical",
-        "period of stick-slip", "s", belt_period, "one period at 1e-13", _period, 1e-9,
+        title="Mass, spring and belt",
+        source="exudyn, massSpringFrictionInteractive; static force 50 N, damping 0.005 of critical",
+        measure="period of stick-slip",
+        unit="s",
+        exact=belt_period,
+        by="one period at 1e-13",
+        ours=_period,
+        tolerance=1e-9,
     ),
     "end": Problem(
-        "End of stick-slip over the speed", "bSTAB (Stender, Hoffmann 2022): m = k = 1, damping ratio 0.05",
-        "speed", "m/s", lambda: 1.836600972198, "continuation at 1e-12", _end_of_stick_slip, 1e-9,
-        {"bSTAB (shares of 4000 starts: all stick-slip from)": 1.85},
+        title="End of stick-slip over the speed",
+        source="bSTAB (Stender, Hoffmann 2022): m = k = 1, damping ratio 0.05",
+        measure="speed",
+        unit="m/s",
+        exact=lambda: 1.836600972198,
+        by="continuation at 1e-12",
+        ours=_end_of_stick_slip,
+        tolerance=1e-9,
+        stored={"bSTAB (shares of 4000 starts: all stick-slip from)": 1.85},
     ),
     "points": Problem(
-        "24 points that open and close", "ring of 24 masses on contact springs under a travelling force (points.py)",
-        "height of the first point at 0.2 s", "m", points.exact, "explicit method of order 8 at 1e-12", _points, 1e-9,
+        title="24 points that open and close",
+        source="ring of 24 masses on contact springs under a travelling force (points.py)",
+        measure="height of the first point at 0.2 s",
+        unit="m",
+        exact=points.exact,
+        by="explicit method of order 8 at 1e-12",
+        ours=_points,
+        tolerance=1e-9,
     ),
-}  # fmt: skip
+}

@@ -109,10 +109,15 @@ def test_laws_go_on_smoothly_below_zero_speed():
 
 
 SLIDE_FROM = {
-    "c": 0.4, "lugre": 0.5, "elasto_plastic": 0.5, "maxwell_slip": 0.5, "dahl": 0.4, "stick_time": 0.25,
+    "c": 0.4,
+    "lugre": 0.5,
+    "elasto_plastic": 0.5,
+    "maxwell_slip": 0.5,
+    "dahl": 0.4,
+    "stick_time": 0.25,
     "contact_temperature": 0.54,
     "rate_state": 0.4 + 0.01 * math.log(1e3),  # at 1e-6 m/s
-}  # fmt: skip
+}
 
 
 def test_steady_slip_of_a_law_with_memory_is_that_under_its_load():

@@ -179,10 +179,18 @@ def test_up_and_down_a_ramp_stick_slip_ends_above_where_it_begins(N0):
 
 @slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(("mu_kinetic", "fall", "dies"), [
-    (0.2, 0.04, True), (0.28, 0.06, True), (0.36, 0.06, True), (0.44, 0.06, True),
-    (0.2, 0.12, False), (0.28, 0.16, False), (0.36, 0.24, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("mu_kinetic", "fall", "dies"),
+    [
+        (0.2, 0.04, True),
+        (0.28, 0.06, True),
+        (0.36, 0.06, True),
+        (0.44, 0.06, True),
+        (0.2, 0.12, False),
+        (0.28, 0.16, False),
+        (0.36, 0.24, False),
+    ],
+)
 def test_a_sector_suppresses_stick_slip_where_its_friction_falls_little(mu_kinetic, fall, dies):
     """Figure 20: 20 N, 4.5 rpm, 45 degrees; from three places, five turns."""
     ends = []

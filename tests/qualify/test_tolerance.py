@@ -35,11 +35,20 @@ OTHERS = {
     "disc_slider": {},
 }
 FALLING = {
-    "tip.mass": 5e-3, "tip.tangential_stiffness": 2.8e5, "tip.normal_stiffness": 8e4, "tip.coupling": 1.5e5,
-    "tip.tangential_damping": 1.0, "tip.normal_damping": 1.0, "contact.stiffness": 3e5, "load.force": 34.0,
-    "start.height": -1.1e-4, "friction.law": "stribeck", "friction.mu_static": 1.4, "friction.mu_dynamic": 0.7,
+    "tip.mass": 5e-3,
+    "tip.tangential_stiffness": 2.8e5,
+    "tip.normal_stiffness": 8e4,
+    "tip.coupling": 1.5e5,
+    "tip.tangential_damping": 1.0,
+    "tip.normal_damping": 1.0,
+    "contact.stiffness": 3e5,
+    "load.force": 34.0,
+    "start.height": -1.1e-4,
+    "friction.law": "stribeck",
+    "friction.mu_static": 1.4,
+    "friction.mu_dynamic": 0.7,
     "friction.speed_scale": 0.1,
-}  # fmt: skip
+}
 CLUSTERED = {"tread falling": 100.0}
 """Scenes whose mode set changes come in clusters: the mean time between two of them is no cycle."""
 SEALS = ("seal_p", "seal_l")

@@ -41,11 +41,27 @@ def netcdf(path):
 def uff(path, binary):
     pyuff = pytest.importorskip("pyuff")
     about = pyuff.prepare_58(
-        binary=binary, func_type=1, rsp_node=1, rsp_dir=1, ref_dir=1, ref_node=1, data=V, x=T, id1="v",
-        rsp_ent_name="a", ref_ent_name="b", abscissa_spacing=1, abscissa_spec_data_type=17, ordinate_spec_data_type=11,
-        orddenom_spec_data_type=0, abscissa_inc=T[1], abscissa_min=0.0, num_pts=T.size, ord_data_type=4,
+        binary=binary,
+        func_type=1,
+        rsp_node=1,
+        rsp_dir=1,
+        ref_dir=1,
+        ref_node=1,
+        data=V,
+        x=T,
+        id1="v",
+        rsp_ent_name="a",
+        ref_ent_name="b",
+        abscissa_spacing=1,
+        abscissa_spec_data_type=17,
+        ordinate_spec_data_type=11,
+        orddenom_spec_data_type=0,
+        abscissa_inc=T[1],
+        abscissa_min=0.0,
+        num_pts=T.size,
+        ord_data_type=4,
         ordinate_axis_units_lab="m/s",
-    )  # fmt: skip
+    )
     pyuff.UFF(str(path)).write_sets([about], "add")
 
 

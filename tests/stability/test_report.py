@@ -194,9 +194,13 @@ def test_a_network_much_faster_than_the_step_is_told():
 
 @settings(max_examples=15)
 @given(
-    st.floats(0.01, 1.0), st.floats(0.5, 50.0), st.floats(0.0, 5.0), st.floats(1e2, 1e5),
-    st.floats(0.0, 0.2), st.floats(0.01, 0.3),
-)  # fmt: skip
+    st.floats(0.01, 1.0),
+    st.floats(0.5, 50.0),
+    st.floats(0.0, 5.0),
+    st.floats(1e2, 1e5),
+    st.floats(0.0, 0.2),
+    st.floats(0.01, 0.3),
+)
 def test_growth_is_the_closed_form_of_one_degree_of_freedom(speed, mass, damping, stiffness, fall, scale):
     """x'' + ((d + mu'(v0) N) / m) x' + (c / m) x = 0, x_e = mu(v0) N / c."""
     law = friction_law.stribeck(0.1 + fall, 0.1, scale)

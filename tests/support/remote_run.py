@@ -31,8 +31,11 @@ class Elsewhere:
         with out.open("w") as file:
             process = subprocess.Popen(
                 [*self.before, sys.executable, "-m", "rig", *map(str, words)],
-                stdout=file, stderr=subprocess.STDOUT, env=environment, cwd=self.folder,
-            )  # fmt: skip
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=self.folder,
+            )
         process.told = out
         self.started.append(process)
         return process

@@ -47,7 +47,8 @@ def observer(numbers: Numbers, ahead: float = 0.0) -> Observer:
     drive = tuple([dot(line, gain) for line in transition])
     step = []
     for line, share in zip(transition, drive):
-        step.append(tuple([line[j] - share * output[j] for j in range(n)]))
+        corrected = [line[j] - share * output[j] for j in range(n)]
+        step.append(tuple(corrected))
     observing = tuple([row[j] - feed * output[j] for j in range(n)])
     return Observer(tuple(step), drive, observing, feed, transition, tuple(numbers["rest"]))
 
@@ -114,8 +115,10 @@ def advanced4(o: Observer, z: Values, y: float) -> tuple[Values, float]:
 def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Values:
     """The row `row exp(matrix time)`, by scaling and squaring of a Taylor series; time in s."""
     a = np.asarray(matrix, dtype=float) * time
-    norm = max(np.abs(a).sum(axis=1).max(), 1e-300)
-    doublings = max(0, int(np.ceil(np.log2(norm))) + 1)
+    sums = np.abs(a).sum(axis=1)
+    norm = max(sums.max(), 1e-300)
+    halvings = int(np.ceil(np.log2(norm))) + 1
+    doublings = max(0, halvings)
     a /= 2.0**doublings
     term = out = np.eye(len(a))
     for k in range(1, 17):
@@ -123,4 +126,5 @@ def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Values:
         out = out + term
     for _ in range(doublings):
         out = out @ out
-    return tuple(float(x) for x in np.asarray(row, dtype=float) @ out)
+    later = np.asarray(row, dtype=float) @ out
+    return tuple(float(x) for x in later)

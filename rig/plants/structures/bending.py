@@ -83,11 +83,18 @@ def clamped(
     _, shapes = scipy.linalg.eigh(stiff, heavy, subset_by_index=(0, modes - 1))
     forces = np.zeros((len(stiff), 2))
     forces[-2, 0] = forces[-3, 1] = 1.0
-    held = np.linalg.solve(stiff, forces)
-    basis = np.hstack([shapes, held - shapes @ (shapes.T @ heavy @ held)])
-    basis /= np.sqrt(np.einsum("ij,ij->j", basis, heavy @ basis))
-    squares, turns = scipy.linalg.eigh(basis.T @ stiff @ basis, basis.T @ heavy @ basis)
+    static = np.linalg.solve(stiff, forces)
+    in_modes = shapes @ (shapes.T @ heavy @ static)
+    basis = np.hstack([shapes, static - in_modes])
+    modal_mass = np.einsum("ij,ij->j", basis, heavy @ basis)
+    basis /= np.sqrt(modal_mass)
+    reduced_stiffness = basis.T @ stiff @ basis
+    reduced_mass = basis.T @ heavy @ basis
+    squares, turns = scipy.linalg.eigh(reduced_stiffness, reduced_mass)
     basis = basis @ turns
-    basis *= np.where(basis[-2] + basis[-3] < 0.0, -1.0, 1.0)
+    across = basis[-2]
+    along = basis[-3]
+    basis *= np.where(across + along < 0.0, -1.0, 1.0)
     on_clamp = -K[:3, free] @ basis
-    return Modes(np.sqrt(squares), basis[[-2, -3]].T, on_clamp[[1, 0]].T)
+    tip = basis[[-2, -3]].T
+    return Modes(np.sqrt(squares), tip, on_clamp[[1, 0]].T)

@@ -17,15 +17,20 @@ def refuse_others(now: Mapping[str, Any], begun: Mapping[str, Any]) -> None:
 
     A value that changes the frequencies alone does not belong to them.
     """
-    keys = sorted(key for key in now.keys() | begun.keys() if now.get(key) != begun.get(key))
-    if keys:
+    changed = []
+    for key in sorted(now.keys() | begun.keys()):
+        if now.get(key) != begun.get(key):
+            changed.append(key)
+    if changed:
         raise ValueError(
-            f"the modes, whose coordinates are the state of the run, depend on {', '.join(keys)}: with others the "
+            f"the modes, whose coordinates are the state of the run, depend on {', '.join(changed)}: with others the "
             "displacements would jump; make a new run with this value"
         )
 
 
 def keyed(prefix: str, section: Section | None, but: Collection[str] = ()) -> dict[str, Any]:
     """The values of a table by dotted key, without those named by `but`; none of a table that is not there."""
-    values = {} if section is None else section.model_dump(exclude=set(but))
+    if section is None:
+        return {}
+    values = section.model_dump(exclude=set(but))
     return {f"{prefix}.{key}": value for key, value in values.items()}

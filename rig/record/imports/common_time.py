@@ -18,8 +18,11 @@ _ALIKE = 0.5  # least correlation of a channel that two files have in common
 
 def join_parts(parts: Sequence[Part], join: str) -> None:
     """Shift the times of all files but the first one to the common time."""
-    condition = Condition.read(join, "--join", "<>|", "CHANNEL > VALUE UNIT") if any(s in join for s in "<>") else None
-    name = condition.name if condition is not None else join.strip()
+    condition = None
+    name = join.strip()
+    if "<" in join or ">" in join:
+        condition = Condition.read(join, "--join", "<>|", "CHANNEL > VALUE UNIT")
+        name = condition.name
     whole = []
     for part in parts:
         channel = next((c for c in part.channels if name in (c.name, c.column)), None)
@@ -55,32 +58,54 @@ def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: Part) -> f
     i = int(met[0])
     if i == 0:
         return float(t[0])
-    return float(t[i] - (t[i] - t[i - 1]) * beyond[i] / (beyond[i] - beyond[i - 1]))
+    period = t[i] - t[i - 1]
+    rise = beyond[i] - beyond[i - 1]
+    return float(t[i] - period * beyond[i] / rise)
 
 
 def _lag(first: tuple[Reals, Reals, str], other: tuple[Reals, Reals, str], where: str) -> float:
     """The shift [s] of `other` with which a channel correlates best with the same channel of `first`."""
     from scipy.signal import correlate, correlation_lags
 
-    step = min(float(np.median(np.diff(t))) for t, *_ in (first, other))
-    for t, *_ in (first, other):
-        if float(t[-1] - t[0]) > _SPARSE * step * t.size:
+    first_t, first_v, _ = first
+    other_t, other_v, _ = other
+    step = min(_period(first_t), _period(other_t))
+    for t in (first_t, other_t):
+        duration = float(t[-1] - t[0])
+        if duration > _SPARSE * step * t.size:
             raise UsageError(f"{where}: most of its time is a gap; name a trigger, CHANNEL > VALUE UNIT")
-    a = _resampled(*first[:2], step)
-    b = _resampled(*other[:2], step)
+    a = _resampled(first_t, first_v, step)
+    b = _resampled(other_t, other_v, step)
     c = correlate(a, b)
     k = int(np.argmax(c))
-    likeness = float(c[k]) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    likeness = float(c[k]) / max(size, np.finfo(float).tiny)
     if not likeness > _ALIKE:
         raise UsageError(
             f"{where} does not look alike (correlation {likeness:.2f}); name another channel, or a trigger"
         )
-    bend = c[k - 1] - 2.0 * c[k] + c[k + 1] if 0 < k < c.size - 1 else 0.0
-    between = 0.5 * (c[k - 1] - c[k + 1]) / bend if bend else 0.0
-    lag = correlation_lags(a.size, b.size)[k] + between
-    return float(first[0][0] - other[0][0] + lag * step)
+    lag = correlation_lags(a.size, b.size)[k] + _between_samples(c, k)
+    return float(first_t[0] - other_t[0] + lag * step)
+
+
+def _period(t: Reals) -> float:
+    """The sampling period [s]: the median of the intervals."""
+    return float(np.median(np.diff(t)))
+
+
+def _between_samples(c: Reals, k: int) -> float:
+    """The place of the maximum of a parabola through c[k] and its neighbours, from k [samples]; 0 at an end of c."""
+    if not 0 < k < c.size - 1:
+        return 0.0
+    before = c[k - 1]
+    after = c[k + 1]
+    bend = before - 2.0 * c[k] + after
+    if not bend:
+        return 0.0
+    return float(0.5 * (before - after) / bend)
 
 
 def _resampled(t: Reals, v: Reals, step: float) -> Reals:
     """The samples v(t) without their mean, every `step` [s] by straight lines."""
-    return np.asarray(np.interp(np.arange(t[0], t[-1], step), t, v - v.mean()))
+    grid = np.arange(t[0], t[-1], step)
+    return np.asarray(np.interp(grid, t, v - v.mean()))
