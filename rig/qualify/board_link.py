@@ -7,18 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from rig.controllers.device import PATIENCE
 from rig.errors import DeviceError
 from rig.machine.board import ECHO, HEAD, WIDTHS, Address, Line, line_bytes
+from rig.qualify.round_trips import in_words, period_of, quantiles
 
 RATES = {100: 100, 1000: 2000, 5000: 5000}
 """Rate of the frames [1/s] -> how many. # chosen: at most two seconds each"""
 PATIENCE_S = 0.1
 """Time after which a frame is missed [s]."""
-PERIODS_MS = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""Periods of a controller that are suggested [ms]."""
 LATENCY = Path("/sys/bus/usb-serial/devices")
 """Folder with the latency timers of USB adapters."""
 
@@ -65,10 +61,7 @@ class BoardLink:
             times = f"{at.p50:.3f} / {at.p99:.3f} / {at.worst:.3f} ms (p50, p99, worst)"
             carried = f"{self._carried(at):.3g} bytes per ms"
             lines.append(f"  {at.rate:5d} Hz: {times}, {at.missed} of {at.frames} missed, {carried}")
-        if self.period_ms is None:
-            lines.append("  it holds no period up to 100 ms")
-        else:
-            lines.append(f"  it holds a period of {self.period_ms:g} ms: 99 % answer within {PATIENCE:g} of it")
+        lines.append(f"  {in_words(self.period_ms)}")
         if self.timer_ms is not None and self.timer_ms > 1:
             lines.append(
                 f"  its USB adapter keeps what arrives for {self.timer_ms} ms; shorter: "
@@ -89,9 +82,7 @@ def measure(port: str, baud: int, values: str, count: int) -> BoardLink:
     line.close()
     width = WIDTHS[values]
     size = 2 * (line_bytes(count, width) if address.kind == "serial" else HEAD.size + count * width)
-    needed = max(at.p99 for at in rates) / PATIENCE
-    holds = all(at.missed <= 0.01 * at.frames for at in rates)
-    period = next((period for period in PERIODS_MS if period >= needed), None) if holds else None
+    period = period_of(max(at.p99 for at in rates), max(at.missed / at.frames for at in rates))
     timer = LATENCY / address.device.name / "latency_timer"
     kept = int(timer.read_text()) if address.kind == "serial" and timer.is_file() else None
     return BoardLink(port, count, size, rates, period, kept, str(timer))
@@ -109,5 +100,4 @@ def _at(line: Line, count: int, rate: int) -> AtRate:
         begun = time.perf_counter()
         if line.ask(ECHO, number, (0.0,) * count, PATIENCE_S) is not None:
             trips.append(1e3 * (time.perf_counter() - begun))
-    p50, p99, worst = np.percentile(trips, (50, 99, 100)).tolist() if trips else (1e3 * PATIENCE_S,) * 3
-    return AtRate(rate, RATES[rate], RATES[rate] - len(trips), p50, p99, worst)
+    return AtRate(rate, RATES[rate], RATES[rate] - len(trips), *quantiles(trips, 1e3 * PATIENCE_S))

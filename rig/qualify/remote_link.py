@@ -11,13 +11,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rig import bus
 from rig.bus import tickets
-from rig.controllers.device import PATIENCE
 from rig.errors import BusError
-from rig.qualify.board_link import PERIODS_MS
+from rig.qualify.round_trips import in_words, period_of, quantiles
 
 _ASKED = 2000  # questions: the 99 % quantile is then exceeded by twenty. # chosen
 _PAUSE_S = 0.001  # between two of them, as between the frames of a paced run
@@ -28,8 +25,8 @@ _PATIENCE_S = 1.0
 class RemoteLink:
     """The link to the plant at `endpoint`. Round trips: median, 99 % and worst [ms].
 
-    `period_ms`: the least usual period of a controller for which 99 % of the answers come within `PATIENCE` of it; None
-    if there is none.
+    `period_ms`: the least usual period of a controller for which 99 % of the answers come within its patience; None if
+    there is none.
     """
 
     run: str
@@ -48,12 +45,8 @@ class RemoteLink:
     def text(self) -> str:
         """The result as text."""
         times = f"{self.p50:.2f} / {self.p99:.2f} / {self.worst:.2f} ms (p50, p99, worst)"
-        lines = [f"run {self.run} at {self.endpoint}: round trip {times}, {self.missed} of {self.asked} missed"]
-        if self.period_ms is None:
-            lines.append("it holds no period of a controller up to 100 ms")
-        else:
-            lines.append(f"it holds a period of {self.period_ms:g} ms: 99 % answer within {PATIENCE:g} of it")
-        return "\n".join(lines)
+        asked = f"run {self.run} at {self.endpoint}: round trip {times}, {self.missed} of {self.asked} missed"
+        return f"{asked}\n{in_words(self.period_ms)}"
 
 
 def measure(path: Path, asked: int = _ASKED) -> RemoteLink:
@@ -73,7 +66,6 @@ def measure(path: Path, asked: int = _ASKED) -> RemoteLink:
                 missed += 1
                 if session.ended:
                     raise BusError(session.gone or f"run {ticket.run} has ended")
-    p50, p99, worst = np.percentile(trips, (50, 99, 100)).tolist() if trips else (1e3 * _PATIENCE_S,) * 3
-    holds = missed <= 0.01 * asked
-    period = next((period for period in PERIODS_MS if period >= p99 / PATIENCE), None) if holds else None
+    p50, p99, worst = quantiles(trips, 1e3 * _PATIENCE_S)
+    period = period_of(p99, missed / asked)
     return RemoteLink(ticket.run, ticket.endpoint, asked, missed, p50, p99, worst, period)

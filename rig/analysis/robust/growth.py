@@ -63,6 +63,11 @@ class Matrix(NamedTuple):
     period: float = 0.0
     up_to: float = math.inf
 
+    @property
+    def spectrum(self) -> Complex:
+        """The rates [1/s] of all eigenvalues."""
+        return self.rates(np.linalg.eigvals(self.A).astype(np.complex128))
+
     def rates(self, values: Complex) -> Complex:
         """The rates [1/s] of eigenvalues of A; one that vanishes within a period has the rate -infinity."""
         if not self.period:
@@ -170,7 +175,7 @@ class Growth:
             matrix = self.matrix(x, u)
         except NoSliding:
             return math.inf, math.nan
-        return self.of_rates(matrix.rates(np.linalg.eigvals(matrix.A).astype(np.complex128)), matrix.up_to)
+        return self.of_rates(matrix.spectrum, matrix.up_to)
 
     def of_rates(self, rates: Complex, up_to: float = math.inf) -> tuple[float, float]:
         """The growth that counts of `rates`, and its frequency; -infinity without a mode in the band."""

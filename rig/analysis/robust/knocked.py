@@ -115,7 +115,7 @@ def _of_design(growth: Growth, entry: Entry) -> Iterator[Case]:
             matrix = growth.matrix(entry.x, u)
         except NoSliding:
             continue
-        rates = matrix.rates(np.linalg.eigvals(matrix.A).astype(np.complex128))
+        rates = matrix.spectrum
         rate, hertz = growth.of_rates(rates, matrix.up_to)
         if math.isfinite(rate):
             scene = growth.rig(design, values) if growth.closed else growth.designed(design).with_values(values)

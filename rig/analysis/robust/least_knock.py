@@ -260,6 +260,6 @@ def _loses(growth: Growth, case: Case, key: str) -> float | None:
                 matrix = growth.matrix_of({}, {**case.values, key: value})
             except NoSliding:
                 continue
-            if max(matrix.rates(np.linalg.eigvals(matrix.A).astype(np.complex128)).real) > 0.0:
+            if max(matrix.spectrum.real) > 0.0:
                 return value
     return None

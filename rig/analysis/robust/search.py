@@ -156,7 +156,7 @@ def _check_rig(job: Job, growth: Growth, x: Array) -> None:
         values = {**growth.box.design(x), **growth.box.rig(growth.box.design(x), u)}
         at = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
         raise SceneError(job.scene.name, [f"the nominal rig ({at}) has no growth: {fault}"]) from None
-    rates = matrix.rates(np.linalg.eigvals(matrix.A).astype(np.complex128))
+    rates = matrix.spectrum
     hertz = np.abs(rates.imag[np.isfinite(rates.real)]) / (2.0 * math.pi)
     if growth.inside(hertz).any():
         return
@@ -178,7 +178,7 @@ def _entry(tasks: Tasks, name: str, x: Array, region: Region, bad: Worst | None 
             matrix = growth.matrix(x, u)
         except NoSliding:
             continue
-        every = matrix.rates(np.linalg.eigvals(matrix.A).astype(np.complex128))
+        every = matrix.spectrum
         rates.append(every[np.lexsort((-every.imag, -every.real))])
     return Entry(name, x, growth.value(x, growth.box.centre), bad, tuple(rates))
 

@@ -10,6 +10,7 @@ from rig.errors import UsageError
 from rig.printable import counted
 from rig.quantities import Condition
 from rig.record.imports.file_part import Part
+from rig.record.imports.row_faults import REMEDIES
 from rig.record.run_data import Reals
 
 _SPARSE = 8.0  # periods for each sample: with more the shift of a channel is not looked for. chosen
@@ -24,14 +25,14 @@ def join_parts(parts: Sequence[Part], join: str) -> None:
         condition = Condition.read(join, "--join", "<>|", "CHANNEL > VALUE UNIT")
         name = condition.name
     whole = []
+    faults = list[str]()
     for part in parts:
-        channel = next((c for c in part.channels if name in (c.name, c.column)), None)
-        if channel is None:
-            raise UsageError(f"--join {join}: {part.file.path} has no channel {name}")
-        t, v = part.samples(channel.column)
-        if t.size < 2:
-            raise UsageError(f"--join {join}: {part.file.path}: {name} has {counted(t.size, 'value')} with a time")
-        whole.append((t, channel.values(v), channel.unit))
+        try:
+            whole.append(_samples(part, name, f"--join {join}: {part.file.path}"))
+        except UsageError as fault:
+            faults += str(fault).splitlines()
+    if faults:  # what helps is the same for all files, and stands below
+        raise UsageError("\n".join(sorted(dict.fromkeys(faults), key=lambda line: line in REMEDIES.values())))
     if condition is not None:
         instants = [_fired(*samples, condition, part) for samples, part in zip(whole, parts)]
         for part, instant in zip(parts, instants):
@@ -43,6 +44,17 @@ def join_parts(parts: Sequence[Part], join: str) -> None:
     for part in parts[1:]:  # the channel that they have in common is one channel
         part.channels = [channel for channel in part.channels if channel.name not in kept]
         kept |= {channel.name for channel in part.channels}
+
+
+def _samples(part: Part, name: str, where: str) -> tuple[Reals, Reals, str]:
+    """Times [s], values and unit of the channel that files have in common."""
+    channel = next((c for c in part.channels if name in (c.name, c.column)), None)
+    if channel is None:
+        raise UsageError(f"{where} has no channel {name}")
+    t, v = part.samples(channel.column)
+    if t.size < 2:
+        raise UsageError(f"{where}: {name} has {counted(t.size, 'value')} with a time")
+    return t, channel.values(v), channel.unit
 
 
 def _fired(t: Reals, v: Reals, unit: str, condition: Condition, part: Part) -> float:

@@ -22,7 +22,7 @@ FALLS = "falls"
 REPEATS = "is that of the row before"
 _KINDS = 20  # that are told; of more their number. chosen
 _ROWS = 4  # that are told of a kind behind the first one, if there are no more. chosen
-_REMEDIES = {
+REMEDIES = {
     (NO_VALUE, NO_TIME, INFINITE): "--skip-missing leaves them out",
     (NO_TIME, NO_CLOCK, NO_TIME_OF_DAY, FALLS, REPEATS): "--rate RATE takes no times from the file",
     (NO_NUMBER,): "correct these cells, or leave their columns out of the map",
@@ -80,7 +80,7 @@ class RowFaults:
         told = [*self._lines()]
         more = [f"{self._path}: {counted(len(told) - _KINDS, 'further kind')} of faults"] if len(told) > _KINDS else []
         met = {kind for kind, _ in self._faults}
-        remedies = [remedy for kinds, remedy in _REMEDIES.items() if met.intersection(kinds)]
+        remedies = [remedy for kinds, remedy in REMEDIES.items() if met.intersection(kinds)]
         if len(told) == 1:
             return ["; ".join(told + remedies)]
         return [*told[:_KINDS], *more, *remedies]
