@@ -1,4 +1,7 @@
-"""What round trips over a link say: how long an answer takes, and which period of a controller the link holds."""
+"""What round trips over a link say: how long an answer takes, and which period of a controller the link holds.
+
+The other end is a board (rig.qualify.board_link) or the plant of another host (rig.qualify.remote_link).
+"""
 
 from __future__ import annotations
 
