@@ -63,6 +63,17 @@ def test_the_belt_grows_and_decays_in_time_as_the_closed_form(damping, monkeypat
     assert verify(Path(worst.recording)).identical
 
 
+def test_a_flutter_pair_whose_other_mode_has_the_same_frequency_grows_as_its_eigenvalue(monkeypatch):
+    """The filter needs seconds until the other mode has gone: the knock is small enough for that."""
+    monkeypatch.setattr(
+        in_time, "least_knocks", lambda growth, cases, *_: [least_knock.Least(0.0, 0.0, "")] * len(cases)
+    )
+    nominal, worst = proved("two_dof", None, against={"friction.mu": "+-20 %"}).timed
+    assert (nominal.expected, worst.expected) == pytest.approx((0.17997, 0.410617), abs=1e-5)
+    assert (nominal.growth, worst.growth) == pytest.approx((nominal.expected, worst.expected), rel=1e-3)
+    assert "open from" in worst.remark
+
+
 @pytest.mark.slow
 def test_the_least_knock_by_bisection_is_that_of_the_unstable_cycle(monkeypatch):
     """At 0.2 m/s the belt with 8 N s/m slides or sticks and slips (rig branches --threshold: 0.8547 N s)."""

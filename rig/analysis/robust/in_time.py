@@ -38,11 +38,11 @@ from rig.results import Column, Table
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-_GROWS = 1e-3  # of the knock at which a contact stops or opens: the begin of a growth,
+_GROWS = 1e-5  # of the knock at which a contact stops or opens: the begin of a growth,
 _DECAYS = 3e-2  # and of a decay
 _SMALL = math.log(100.0)  # of the amplitude: so far below a change of a contact the rig counts as linear
 _LONG = 5.0  # time constants of a decay that are recorded once its mode is alone,
-_GROWN = 10.0  # and of a growth
+_GROWN = 12.0  # and of a growth, in which a contact then changes
 _WAITED = 3.0  # time constants, the longest wait for a mode to be alone
 _LEAST = {True: 20.0, False: 6.0}  # fewest periods of a mode in a run, by whether it is filtered
 _MOST = 20_000.0  # and most
