@@ -9,13 +9,10 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numba.core import types
 
 from rig.compiled import kernel, kernel_store
 from rig.compiled.kernel_store import CheckedFile
-from rig.solve.specialised import KernelShape, local, local_square, state_count
 
 CODE = """
 from rig.compiled.kernel import kernel
@@ -192,38 +189,3 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
-
-
-def power_of_rows(shape, rows, count):
-    """The sum of rows^count, which calls for each kind of memory that depends on the number of states."""
-    product, square = local(shape, rows), local_square(shape, rows)
-    for i in range(state_count(shape)):
-        product[0, i] = 1.0
-        for j in range(state_count(shape)):
-            square[i, j] = rows[i, j]
-    for _ in range(count):
-        for i in range(state_count(shape)):
-            product[1, i] = 0.0
-            for j in range(state_count(shape)):
-                product[1, i] += square[i, j] * product[0, j]
-        for i in range(state_count(shape)):
-            product[0, i] = product[1, i]
-    return np.int64(product[0, 0])
-
-
-@pytest.mark.parametrize("states", [1, 3, 8])
-def test_a_number_of_states_filled_in_gives_the_code_that_numba_makes_for_it(states, monkeypatch):
-    monkeypatch.setattr(kernel.FOLDER, "keep", lambda *_: None)  # both have one name: the second would be loaded
-    kinds = KernelShape(states, products=False, nonlinear=False), types.Array(types.float64, 2, "C"), types.int64
-    codes = []
-    for function in (kernel.by_address(power_of_rows), kernel.inner(power_of_rows)):
-        function.compile(kinds)
-        made = function.overloads[kinds]
-        assert made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
-        code = made.library.get_asm_str()
-        for name in (made.fndesc.llvm_func_name, made.fndesc.env_name):  # they count compilations
-            code = code.replace(name, "name")
-        codes.append(code)
-    assert codes[0] == codes[1]
-    assert "name:" in codes[0]
-    assert str(kernel.UNFILLED) not in codes[0]

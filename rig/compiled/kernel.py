@@ -12,18 +12,16 @@ import gc
 import importlib
 import os
 import platform
-import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from copy import copy
 from functools import cache
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_assembly, parse_bitcode
+from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_bitcode
 from numba.core import codegen, event, registry, types
 
 from rig.compiled import kernel_store
@@ -35,11 +33,6 @@ Emission = tuple[Any, Callable[..., ir.Value]]
 _ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_store.ROOMS))
 """Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
-UNFILLED = 1_000_003
-"""Stands for the number of states while numba compiles a kernel once for all numbers; larger than any factor of it."""
-_UNFILLED_NAME = f"_28{UNFILLED}_2c"  # as it is part of the name of a type, in names of compiled functions
-_BESIDE = 64  # a number nearer than this to a multiple of UNFILLED is one that was computed with it
-_INTEGER = re.compile(r"(?<= )\d{7,}(?![\w.])")
 _OPEN = Linkage.external
 _SHARED = Linkage.linkonce_odr
 _njit: Any = numba.njit  # noqa: TID251
@@ -125,18 +118,15 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     _bitcode: bytes | None = None
     _emitted = True
     _whole = True  # optimised as far as machine code needs
-    unfilled = False
-    """Whether a number is still to be filled in: until then nothing is optimised, and there is no machine code."""
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Self:
         name, kind, data = state
-        if kind in ("linked", "unfilled"):
+        if kind == "linked":
             made = codegen.create_library(name)
             made._bitcode = data  # noqa: SLF001
             made._emitted = False  # noqa: SLF001
             made._finalized = True  # noqa: SLF001
-            made.unfilled = kind == "unfilled"
             return made  # type: ignore[no-any-return]
         if kind != "object":
             return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call, no-any-return]
@@ -151,25 +141,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         """The form to be stored: without machine code if there is none yet."""
         if self._emitted:
             return super().serialize_using_object_code()  # type: ignore[no-untyped-call, no-any-return]
-        return self.name, "unfilled" if self.unfilled else "linked", self._get_module_for_linking().as_bitcode()
-
-    def add_llvm_module(self, module: ModuleRef) -> None:
-        """Add the code of a function, with the first of its optimisations unless a number is still to be filled in."""
-        self.unfilled = any(_UNFILLED_NAME in function.name for function in module.functions)
-        if self.unfilled:
-            self._final_module.link_in(module)
-        else:
-            super().add_llvm_module(module)  # type: ignore[no-untyped-call]
-
-    def filled(self, name: str, number: int) -> Self:
-        """A copy of this library with `number` filled in; its function is then called `name`."""
-        made: Self = self._codegen.create_library(self.name)  # type: ignore[no-untyped-call]
-        made.enable_object_caching()  # type: ignore[no-untyped-call]
-        module = parse_assembly(_filled(str(self._get_module_for_linking()), number))
-        module.get_function(name).linkage = _OPEN
-        made.add_llvm_module(module)
-        made.finalize()  # type: ignore[no-untyped-call]
-        return made
+        return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
     def _get_module_for_linking(self) -> ModuleRef:
         if self._bitcode is not None:
@@ -183,8 +155,6 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function of this library; 0 if it has none of this name."""
         self._ensure_finalized()  # type: ignore[no-untyped-call]
-        if self.unfilled:
-            return 0
         if not self._emitted:
             if name not in {function.name for function in self._final_module.functions}:
                 return 0
@@ -197,8 +167,6 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
 
     def _optimize_final_module(self) -> None:
-        if self.unfilled:
-            return
         self._whole = not self._object_caching_enabled or not self._copies()
         if self._whole:
             super()._optimize_final_module()  # type: ignore[no-untyped-call]
@@ -251,25 +219,6 @@ for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassMan
     _kind._dispose = newpassmanagers.NewPassManager._dispose  # noqa: SLF001
 
 
-def _filled(text: str, number: int) -> str:
-    """LLVM's text of a module with `number` in place of UNFILLED: in names, and in its multiples and their powers.
-
-    Raises AssertionError for a number beside a multiple: numba would have computed with it what is not filled in here.
-    """
-
-    def value(integer: re.Match[str]) -> str:
-        whole = int(integer[0])
-        powers = 0
-        while whole and whole % UNFILLED == 0:
-            whole //= UNFILLED
-            powers += 1
-        beside = min(whole % UNFILLED, -whole % UNFILLED)
-        assert whole < UNFILLED or beside > _BESIDE, f"{integer[0]} in LLVM's text is no multiple of {UNFILLED}"
-        return str(whole * number**powers)
-
-    return _INTEGER.sub(value, text.replace(_UNFILLED_NAME, f"_28{number}_2c"))
-
-
 def _no_extensions() -> None:
     """Called before a kernel is compiled: no kernel needs the extensions of numba that other packages may have.
 
@@ -314,35 +263,8 @@ def inner(function: F) -> F:
 
 
 def by_address(function: F) -> F:
-    """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it.
-
-    Its first argument is a shape. numba, which takes most of the time, compiles it once for all numbers of states.
-    """
-    dispatcher: Any = _for_kernels(function, addressed=True)
-    of_numba = dispatcher._compiler.compile  # noqa: SLF001
-
-    def compile(kinds: tuple[Any, ...], result: Any) -> Any:
-        shape, *others = kinds
-        if shape.states in (0, UNFILLED):
-            return of_numba(kinds, result)
-        general = (shape.unfilled, *others)
-        dispatcher.compile(general)
-        return _for_states(dispatcher.overloads[general], kinds)
-
-    dispatcher._compiler.compile = compile  # noqa: SLF001
-    return dispatcher  # type: ignore[no-any-return]
-
-
-def _for_states(general: Any, kinds: tuple[Any, ...]) -> Any:
-    """What numba would have compiled for a shape, from what it has compiled for any number of states."""
-    number = kinds[0].states
-    described = copy(general.fndesc)
-    described.argtypes = kinds
-    described.mangled_name = _filled(described.mangled_name, number)
-    described.env_name = _filled(described.env_name, number)
-    library = general.library.filled(described.mangled_name, number)
-    signature = general.signature.replace(args=kinds)
-    return general._replace(fndesc=described, library=library, signature=signature, type_annotation="", metadata=None)
+    """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it."""
+    return _for_kernels(function, addressed=True)  # type: ignore[no-any-return]
 
 
 def inlined(function: F) -> F:

@@ -35,14 +35,6 @@ class Task(NamedTuple):
     function: Any
     kinds: tuple[Any, ...]
 
-    def compile(self) -> None:
-        """Compile it, or load it from the store: a specialised kernel after what all numbers of states share."""
-        shape, *others = self.kinds
-        if isinstance(shape, KernelShape) and shape.states and not FOLDER.noted(self.name):
-            with FOLDER.claimed(_name(self.function, shape.unfilled), _HUNG):
-                self.function.compile((shape.unfilled, *others))
-        self.function.compile(self.kinds)
-
 
 @contextmanager
 def _beside(tasks: Sequence[Task]) -> Iterator[None]:
@@ -92,13 +84,13 @@ def compiled(tasks: Sequence[Task]) -> None:
     """Compile these tasks or load them from the store. Tasks that another process is compiling come last."""
     done = set()
     for longest in (0.0, _HUNG):
-        for task in tasks:
-            if task.name in done:
+        for name, function, kinds in tasks:
+            if name in done:
                 continue
-            with FOLDER.claimed(task.name, longest) as mine:
+            with FOLDER.claimed(name, longest) as mine:
                 if mine:
-                    task.compile()
-                    done.add(task.name)
+                    function.compile(kinds)
+                    done.add(name)
 
 
 def _name(part: Any, shape: KernelShape) -> str:
@@ -113,7 +105,7 @@ def main() -> None:
     for name, module, function, kinds in pickle.loads(base64.b64decode(sys.argv[1])):
         with FOLDER.claimed(name) as mine:
             if mine and not FOLDER.noted(name):
-                Task(name, getattr(importlib.import_module(module), function), kinds).compile()
+                getattr(importlib.import_module(module), function).compile(kinds)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.extending import intrinsic, register_model
 
-from rig.compiled.kernel import UNFILLED, Emission
+from rig.compiled.kernel import Emission
 
 ROWS = 8
 
@@ -35,11 +35,6 @@ class KernelShape(types.Type):  # type: ignore[misc]
         self.products = products
         self.nonlinear = nonlinear
         super().__init__(name=f"Shape({states}, {products}, {nonlinear})")
-
-    @property
-    def unfilled(self) -> KernelShape:
-        """The shape for which numba compiles a kernel once; the number of states is filled in afterwards."""
-        return KernelShape(UNFILLED, self.products, self.nonlinear)
 
 
 register_model(KernelShape)(models.OpaqueModel)
