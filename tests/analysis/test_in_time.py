@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robust_scenes import BELT, SHUNT, STACK
 
 import rig as lab
 from rig.analysis import robust
@@ -13,20 +14,6 @@ from rig.analysis.robust import design, in_time, least_knock
 from rig.analysis.robust.envelope import envelope, of_rates, slope
 from rig.analysis.robust.growth import MODES
 from rig.bench.again.verify import verify
-
-BELT = {"friction.mu_static": "+-10 %", "friction.mu_dynamic": "+-10 %", "drive.speed": "+-10 %"}
-FORMULA = 0.03647488974112161  # H, of the shipped shunt
-SHUNT = {
-    "shunt.resistance": "5 ohm:300 ohm",
-    "shunt.inductance": (0.1 * FORMULA, 1.6 * FORMULA),
-    "shunt.delta": (-0.85, -0.2),
-}
-STACK = {
-    "friction.mu": "+-2 %",
-    "piezo.capacitance": "+-5 %",
-    "shunt.delta": "+-5 %",
-    "shunt.inductance": "+-5 %",
-}
 
 
 @pytest.fixture(autouse=True)

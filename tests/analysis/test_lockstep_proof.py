@@ -3,19 +3,13 @@
 from pathlib import Path
 
 import pytest
+from robust_scenes import LOOPED
 
 import rig as lab
 from rig.analysis import robust
 from rig.analysis.robust import design, in_time, least_knock
 from rig.analysis.robust.growth import LOOP
 from rig.bench.again.verify import verify
-
-LOOPED = {
-    "friction.mu_static": "+-10 %",
-    "friction.mu_dynamic": "+-10 %",
-    "drive.speed": "+-10 %",
-    "controllers.nf.delay": "0 ms:20 ms",
-}
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robust_scenes import absorber, three_pairs
+from robust_scenes import BELT, LOOPED, SHUNT, STACK, absorber, three_pairs
 from scipy.signal import cont2discrete
 
 import rig as lab
@@ -23,20 +23,6 @@ from rig.design import numbers
 from rig.design.linearised import arithmetic
 from rig.errors import SceneError, UsageError
 
-FORMULA = 0.03647488974112161  # H, of the shipped shunt
-SHUNT = {
-    "shunt.resistance": "5 ohm:300 ohm",
-    "shunt.inductance": (0.1 * FORMULA, 1.6 * FORMULA),
-    "shunt.delta": (-0.85, -0.2),
-}
-STACK = {
-    "friction.mu": "+-2 %",
-    "piezo.capacitance": "+-5 %",
-    "shunt.delta": "+-5 %",
-    "shunt.inductance": "+-5 %",
-}
-BELT = {"friction.mu_static": "+-10 %", "friction.mu_dynamic": "+-10 %", "drive.speed": "+-10 %"}
-LOOPED = {**BELT, "controllers.nf.delay": "0 ms:20 ms"}
 DAMPERS = {"spring_1.damping": "0 N*s/m:0.6 N*s/m", "spring_2.damping": (0.0, 0.6), "spring_1.stiffness": (70.0, 130.0)}
 LIMIT = ["spring_1.damping + spring_2.damping < 0.6 N*s/m"]
 CONTACT = {"friction.mu": "+-20 %", "contact.stiffness": "+-20 %"}

@@ -1,7 +1,25 @@
-"""Scenes of matrices with known robust designs: three flutter pairs on a disc, and a mass with an absorber."""
+"""Scenes and boxes with known robust designs.
+
+Boxes of shipped scenes: the shunt of the brake (SHUNT against STACK), the belt (BELT) and its loop (LOOPED). Scenes of
+matrices: three flutter pairs on a disc, and a mass with an absorber.
+"""
 
 import numpy as np
 
+FORMULA = 0.03647488974112161  # H, of the shipped shunt
+SHUNT = {
+    "shunt.resistance": "5 ohm:300 ohm",
+    "shunt.inductance": (0.1 * FORMULA, 1.6 * FORMULA),
+    "shunt.delta": (-0.85, -0.2),
+}
+STACK = {
+    "friction.mu": "+-2 %",
+    "piezo.capacitance": "+-5 %",
+    "shunt.delta": "+-5 %",
+    "shunt.inductance": "+-5 %",
+}
+BELT = {"friction.mu_static": "+-10 %", "friction.mu_dynamic": "+-10 %", "drive.speed": "+-10 %"}
+LOOPED = {**BELT, "controllers.nf.delay": "0 ms:20 ms"}
 BASE = [(1.6e6, -4.0e5, 0.8e6), (3.7e6, -9.0e5, 1.9e6), (6.9e6, -1.5e6, 4.1e6)]
 SPRINGS = (1.0e6, 2.0e6, 3.0e6)
 DAMPERS = ("c1", "c2", "c3", "cd")
