@@ -12,7 +12,7 @@ from math import inf, nan
 from types import SimpleNamespace
 
 import pytest
-from boards import free_port
+from boards import board_port
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -107,7 +107,7 @@ def test_a_million_random_and_damaged_bytes_give_no_value(tmp_path):
 
 
 def test_datagrams_of_others_never_arrive():
-    port = Address.read(free_port())
+    port = Address.read(board_port())
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign,
@@ -135,7 +135,7 @@ def _reply(here, port):
 
 
 def test_a_board_that_is_away_costs_the_patience_and_no_more():
-    line = Line(Address.read(free_port()), "float64", 1)
+    line = Line(Address.read(board_port()), "float64", 1)
     line.open()
     begun = time.perf_counter()
     for _ in range(10):
@@ -160,7 +160,7 @@ def test_a_port_that_cannot_be_opened_says_why(tmp_path, monkeypatch):
         port.close()
         with pytest.raises(DeviceError, match="baud = 123: the system knows 9600, "):
             address.open(123)
-    here = Address.read(free_port())
+    here = Address.read(board_port())
     port = here.open(0)
     with pytest.raises(DeviceError, match=f"uses the port {here.number + 1} of this computer"):
         here.open(0)

@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from boards import FAULTS, free_port, on_board, standing_in
+from boards import FAULTS, board_port, on_board, standing_in
 
 import rig
 from rig import scenes
@@ -31,7 +31,7 @@ def events_of(run, *kinds):
 
 @pytest.mark.parametrize("kind", ["udp", "serial"])
 def test_lockstep_has_the_bits_of_the_shipped_controller(kind, runs, tmp_path):
-    scene, law = on_board(BASE, free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}", changes=SOON)
+    scene, law = on_board(BASE, board_port() if kind == "udp" else f"serial:{tmp_path / 'board'}", changes=SOON)
     with standing_in(scene.controllers["nf"].port, law, "missing") as board:
         outcome = supervise.run(scene, pace=None, duration=1.0, out=runs / "log.mcap")
     assert outcome.exit_code == 0, outcome.text()
@@ -45,7 +45,7 @@ def test_lockstep_has_the_bits_of_the_shipped_controller(kind, runs, tmp_path):
 
 
 def test_lockstep_ends_without_its_board_and_keeps_the_recording(runs):
-    scene, law = on_board(BASE, free_port(), changes=SOON)
+    scene, law = on_board(BASE, board_port(), changes=SOON)
     with standing_in(scene.controllers["nf"].port, law) as board:
 
         def leave(name):
@@ -68,7 +68,7 @@ def test_lockstep_ends_without_its_board_and_keeps_the_recording(runs):
 
 
 def test_a_paced_run_goes_on_without_its_board_and_with_it_again(runs):
-    scene, law = on_board(BASE, free_port(), changes=SOON)
+    scene, law = on_board(BASE, board_port(), changes=SOON)
     with standing_in(scene.controllers["nf"].port, law, reset_every=500) as board:
 
         def leave():
@@ -101,7 +101,7 @@ def test_a_paced_run_goes_on_without_its_board_and_with_it_again(runs):
 @pytest.mark.parametrize(("kind", "most_s"), [("udp", 0.05), ("serial", 0.5)])
 def test_a_board_is_in_force_again_soon_after_its_return(kind, most_s, runs, tmp_path):
     scene, law = on_board(
-        BASE, free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}", changes=SOON, baud=921600
+        BASE, board_port() if kind == "udp" else f"serial:{tmp_path / 'board'}", changes=SOON, baud=921600
     )
     with standing_in(scene.controllers["nf"].port, law) as board:
         left_ns = returned_ns = 0
@@ -132,7 +132,7 @@ def test_a_board_is_in_force_again_soon_after_its_return(kind, most_s, runs, tmp
 
 
 def test_a_run_does_not_begin_without_its_board(runs):
-    scene, _ = on_board(BASE, free_port())
+    scene, _ = on_board(BASE, board_port())
     told = []
     with pytest.raises(UsageError, match="controller nf is not here: a run does not begin without its board"):
         supervise.run(scene, duration=1.0, out=runs / "log.mcap", say=told.append)

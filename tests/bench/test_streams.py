@@ -9,7 +9,7 @@ from math import nan, sin
 
 import numpy as np
 import pytest
-from boards import Sender, free_port, in_c, measured, program, streaming
+from boards import Sender, board_port, in_c, measured, program, streaming
 
 import rig
 from rig import scenes
@@ -62,7 +62,7 @@ def taking(scene, ticks=100):
 
 
 def port_of(kind, tmp_path):
-    return free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
+    return board_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
 
 
 @pytest.mark.parametrize("kind", ["udp", "serial"])
@@ -118,7 +118,7 @@ def test_the_frames_in_c_are_read(kind, tmp_path):
 
 
 def test_what_is_wrong_is_counted_and_not_used():
-    port = free_port()
+    port = board_port()
     scene = scenes.load("belt", roller(port))
     sender = Sender(port)
     _, _, ports = taking(scene)
@@ -138,10 +138,10 @@ def test_what_is_wrong_is_counted_and_not_used():
 
 
 def test_random_bytes_and_foreign_frames_change_no_value():
-    port = free_port()
+    port = board_port()
     scene = scenes.load("belt", roller(port))
     sender = Sender(port)
-    stranger = Sender(free_port())
+    stranger = Sender(board_port())
     _, _, ports = taking(scene)
     sender.send(measured(1, 0.5))
     ports.ports[0].receive(0.5)
@@ -201,7 +201,7 @@ def test_wrong_steps_are_refused(old, new, text, tmp_path):
 
 
 def test_a_stream_is_refused_where_no_clock_is_kept(tmp_path):
-    scene = scenes.load(following(tmp_path, free_port()))
+    scene = scenes.load(following(tmp_path, board_port()))
     refusal = r"sensors\.roller: a stream is measured while a run keeps pace with the clock"
     with pytest.raises(UsageError, match=refusal):
         rig.simulate(scene)
@@ -212,7 +212,7 @@ def test_a_stream_is_refused_where_no_clock_is_kept(tmp_path):
 
 
 def test_without_a_board_another_kind_takes_its_place(tmp_path):
-    scene = scenes.load(following(tmp_path, free_port(), 0.5), {"sensors.roller.kind": "laser_vibrometer"})
+    scene = scenes.load(following(tmp_path, board_port(), 0.5), {"sensors.roller.kind": "laser_vibrometer"})
     run = rig.simulate(scene)
     assert run.summary["ended"] == "done"
     assert [event["text"] for event in run.events if event["kind"] == "step"] == [
@@ -223,7 +223,7 @@ def test_without_a_board_another_kind_takes_its_place(tmp_path):
 
 def test_a_silent_board_is_told_before_the_run(monkeypatch):
     monkeypatch.setattr("rig.bench.live.stream_ports.BOOT_S", 0.1)
-    port = free_port()
+    port = board_port()
     scene = scenes.load("belt", roller(port))
     sender = Sender(port)
     _, _, ports = taking(scene)
@@ -237,7 +237,7 @@ def test_a_silent_board_is_told_before_the_run(monkeypatch):
 
 
 def test_a_real_belt_drives_the_simulated_one(runs, tmp_path):
-    port = free_port()
+    port = board_port()
     scene = scenes.load(following(tmp_path, port))
     with streaming(port, lambda k: (0.1 + 0.02 * sin(0.006 * k),)) as board:
 

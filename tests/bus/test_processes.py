@@ -2,11 +2,11 @@
 
 import os
 import signal
-import socket
 import stat
 import time
 
 import pytest
+from ports import own_port
 
 from rig import bus
 from rig.bus import address
@@ -45,9 +45,7 @@ def _is_link(fd):
 
 def loopback():
     """A port of the loopback device that nobody listens on just now."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{own_port()}"
 
 
 def test_loopback_works_and_open_addresses_are_refused(runs):

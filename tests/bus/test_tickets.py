@@ -11,6 +11,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from ports import own_port
 from relay import Relay
 
 from rig import bus
@@ -24,17 +25,11 @@ SEATS = ("nf", "recorder", "viewer", "operator")
 DESCRIBED = Setup("far", "{}", 1_000_000, 1_000_000, {}, {}, core=1)
 
 
-def _free_port():
-    with socket.socket() as asked:
-        asked.bind(("127.0.0.1", 0))
-        return asked.getsockname()[1]
-
-
 class Hosted:
     """A run with tickets, in this process."""
 
     def __init__(self, name="far", port=None, seats=SEATS, host="127.0.0.1"):
-        self.listener = Listener(f"tls/{host}:{port or _free_port()}", seats, 5.0)
+        self.listener = Listener(f"tls/{host}:{port or own_port()}", seats, 5.0)
         self.session = bus.host(name, controllers=["nf", "other"], listener=self.listener)
         self._scene = self.session.serve("scene", self._describe)
         self._stop = threading.Event()

@@ -5,7 +5,7 @@ import socket
 import threading
 
 import pytest
-from boards import free_port
+from ports import own_port
 
 from rig import bus, scenes
 from rig.bench.live.outcome import Job
@@ -21,7 +21,7 @@ class Far:
 
     def __init__(self, folder, monkeypatch, rig):
         scene = scenes.load("belt")
-        self.listener = Listener(f"tls/127.0.0.1:{free_port().rpartition(':')[2]}", ("recorder", "viewer", "operator"))
+        self.listener = Listener(f"tls/127.0.0.1:{own_port()}", ("recorder", "viewer", "operator"))
         self.session = bus.host("far", scene.name, None, [], self.listener)
         self.stopped = []
         job = Job(scene.to_json(), run="far", pace=1.0, duration=600.0, listener=self.listener)

@@ -8,7 +8,7 @@ from math import nan
 
 import numpy as np
 import pytest
-from boards import FAULTS, Sender, free_port, in_c, in_python, on_board, program, standing_in
+from boards import FAULTS, Sender, board_port, in_c, in_python, on_board, program, standing_in
 from compile_c import InPython
 
 import rig
@@ -49,7 +49,7 @@ def same(run, other):
 
 
 def port_of(kind, tmp_path):
-    return free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
+    return board_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +106,14 @@ def test_a_disturbed_answer_changes_no_bit_of_a_long_run(base, fault, kind, ship
 
 
 def test_a_disturbed_answer_changes_no_bit_with_two_values(shipped):
-    scene, law = on_board("belt", free_port(), changes=TWO)
+    scene, law = on_board("belt", board_port(), changes=TWO)
     with standing_in(scene.controllers["nf"].port, law, "other"):
         run = simulate(scene, boards=True, duration_ns=10**9)
     same(run, shipped("belt", 1, TWO))
 
 
 def test_a_reset_is_seen_in_the_next_frame():
-    scene, law = on_board("belt_normal_force", free_port())
+    scene, law = on_board("belt_normal_force", board_port())
     with standing_in(scene.controllers["nf"].port, law, reset_every=500) as board:
         run = simulate(scene, boards=True, duration_ns=2 * 10**9)
     resets = [event["tick"] for event in run.events if event["kind"] == "device reset"]
@@ -123,7 +123,7 @@ def test_a_reset_is_seen_in_the_next_frame():
 
 def test_noise_and_frames_of_others_put_no_command_in_force():
     """1e6 random bytes at the port of the answers, and 1e4 frames of another address."""
-    port = free_port()
+    port = board_port()
     number = Address.read(port).number
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     line = Line(Address.read(port), "float64", 1)
@@ -162,7 +162,7 @@ def test_the_sketch_gives_the_same_bits(shipped, tmp_path):
 
 
 def test_the_program_in_python_gives_the_same_bits(shipped):
-    port = free_port()
+    port = board_port()
     scene, _ = on_board("belt_normal_force", port)
     with in_python(port):
         same(simulate(scene, boards=True, duration_ns=20 * 10**9), shipped("belt_normal_force", 20))
@@ -207,7 +207,7 @@ def test_two_controllers_on_one_port_are_refused():
 
 
 def test_a_board_without_an_answer_ends_the_run_with_all_that_was_computed():
-    scene, law = on_board("belt_normal_force", free_port())
+    scene, law = on_board("belt_normal_force", board_port())
     told = []
 
     def stop():
@@ -229,14 +229,14 @@ def test_a_board_without_an_answer_ends_the_run_with_all_that_was_computed():
 
 def test_a_silent_board_is_told_before_the_run(monkeypatch):
     monkeypatch.setattr("rig.machine.board.BOOT_S", 0.2)
-    scene, _ = on_board("belt_normal_force", free_port())
+    scene, _ = on_board("belt_normal_force", board_port())
     with pytest.raises(DeviceError, match=r"no answer within 0\.2 s; is the board on"):
         rig.simulate(scene, 1.0)
 
 
 def test_another_number_of_values_is_told(shipped, monkeypatch):
     monkeypatch.setattr(device, "ANSWER_S", 0.2)
-    two, law = on_board("belt", free_port(), changes=TWO)
+    two, law = on_board("belt", board_port(), changes=TWO)
     scene, _ = on_board("belt_normal_force", two.controllers["nf"].port, reads=["vibrometer", "normal_force"])
     with (
         standing_in(two.controllers["nf"].port, law),
@@ -252,7 +252,7 @@ class NotFinite(InPython):
 
 
 def test_an_answer_that_is_not_finite_is_as_that_of_any_controller():
-    scene, _ = on_board("belt_normal_force", free_port())
+    scene, _ = on_board("belt_normal_force", board_port())
     with standing_in(scene.controllers["nf"].port, NotFinite()):
         run = rig.simulate(scene, 1.0)
     same(run, simulate(scene, {"nf": NotFinite()}, duration_ns=10**9))
@@ -261,7 +261,7 @@ def test_an_answer_that_is_not_finite_is_as_that_of_any_controller():
 
 
 def test_a_reset_is_seen_and_the_law_starts_again():
-    scene, law = on_board("belt_normal_force", free_port())
+    scene, law = on_board("belt_normal_force", board_port())
     with standing_in(scene.controllers["nf"].port, law, reset_every=500):
         run = rig.simulate(scene, 5.0)
     resets = [event for event in run.events if event["kind"] == "device reset"]
@@ -284,7 +284,7 @@ def last(run):
 
 
 def test_nobody_but_a_run_drives_a_board(tmp_path):
-    scene, law = on_board("belt_normal_force", free_port())
+    scene, law = on_board("belt_normal_force", board_port())
     refusal = "a board takes part in rig simulate and rig run only"
     with standing_in(scene.controllers["nf"].port, law) as board:
         with pytest.raises(DeviceError, match=refusal):
@@ -297,7 +297,7 @@ def test_nobody_but_a_run_drives_a_board(tmp_path):
 
 
 def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_path):
-    scene, law = on_board("belt_normal_force", free_port())
+    scene, law = on_board("belt_normal_force", board_port())
     log = tmp_path / "log.mcap"
     with standing_in(scene.controllers["nf"].port, law):
         run = rig.simulate(scene, 6.0)
@@ -326,10 +326,10 @@ def test_it_is_verified_without_board_and_continued_by_its_commands_only(tmp_pat
 
 @pytest.mark.parametrize(("scene", "base"), [("belt_device", "belt_normal_force"), ("pendulum_device", "pendulum")])
 def test_the_shipped_scenes_run_with_the_shipped_stand_in(scene, base, shipped):
-    port = free_port()
+    port = board_port()
     with started(port, described(scenes.load(base))["nf"]):
         same(rig.simulate(scene, 2.0, overrides={"controllers.nf.port": port}), shipped(base, 2))
-    here = free_port()
+    here = board_port()
     _, law = on_board("belt_normal_force", here)
     with standing_in(here, law), pytest.raises(DeviceError, match="cannot answer there"), started(here, {}):
         pass

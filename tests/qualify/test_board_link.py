@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from boards import free_port, on_board, standing_in
+from boards import board_port, on_board, standing_in
 
 from rig.cli import app
 from rig.errors import DeviceError
@@ -18,7 +18,7 @@ def _short(monkeypatch):
 
 @pytest.mark.parametrize("kind", ["udp", "serial"])
 def test_round_trips_are_measured_and_the_law_is_not_called(kind, tmp_path):
-    port = free_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
+    port = board_port() if kind == "udp" else f"serial:{tmp_path / 'board'}"
     _, law = on_board("belt_normal_force", port)
     with standing_in(port, law) as board:
         measured = measure(port, 115200, "float64", 1)
@@ -32,7 +32,7 @@ def test_round_trips_are_measured_and_the_law_is_not_called(kind, tmp_path):
 
 
 def test_the_command_tells_a_link_in_json(capsys):
-    port = free_port()
+    port = board_port()
     _, law = on_board("belt_normal_force", port)
     with standing_in(port, law), pytest.raises(SystemExit) as ended:
         app.run(["tool", "device", port, "--json"])
@@ -60,6 +60,6 @@ def test_answers_that_never_come_are_missed_and_a_timer_is_told(tmp_path, monkey
 def test_a_silent_or_wrong_port_is_refused(monkeypatch):
     monkeypatch.setattr("rig.machine.board.BOOT_S", 0.1)
     with pytest.raises(DeviceError, match="no answer within"):
-        measure(free_port(), 115200, "float64", 1)
+        measure(board_port(), 115200, "float64", 1)
     with pytest.raises(DeviceError, match="COM3: expected"):
         measure("COM3", 115200, "float64", 1)

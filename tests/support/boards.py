@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from ports import own_port
 
 from rig import controllers, design, scenes
 from rig.controllers.runtime.stand_in import LOOK_S, Board, board_end
@@ -46,20 +47,9 @@ FAULTS = {"garbage": garbage, "half": half, "missing": missing, "doubled": doubl
 """What may happen to the bytes of an answer; "other" changes its sequence."""
 
 
-def free_port():
+def board_port():
     """The address of a UDP port that is free, as is the next one."""
-    while True:
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
-        ):
-            one.bind(("127.0.0.1", 0))
-            number = one.getsockname()[1]
-            try:
-                two.bind(("127.0.0.1", number + 1))
-            except OSError:
-                continue
-            return f"udp:127.0.0.1:{number}"
+    return f"udp:127.0.0.1:{own_port(2)}"
 
 
 def on_board(base, port, name="nf", changes=None, **keys):

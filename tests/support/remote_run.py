@@ -5,8 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from boards import free_port
 from going import Going
+from ports import own_port
 
 from rig import scenes
 from rig.bus.tickets import Listener
@@ -56,7 +56,7 @@ class RemoteRun(Going):
     """A supervised run with tickets. `tickets`: copies that outlast it, by seat."""
 
     def __init__(self, folder, host="127.0.0.1", seats=SEATS, **options):
-        self.endpoint = f"tls/{host}:{free_port().rpartition(':')[2]}"
+        self.endpoint = f"tls/{host}:{own_port()}"
         self.interrupts = []
         listener = Listener(self.endpoint, seats, 60.0)
         super().__init__(scenes.load(SCENE), listener=listener, interrupts=self.interrupts, **options)

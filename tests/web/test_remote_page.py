@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from boards import free_port
+from ports import own_port
 
 from rig import bus, scenes
 from rig.bench.live.outcome import Job
@@ -18,7 +18,7 @@ from rig.web.run_control import RunControl
 
 def test_the_page_watches_and_operates_a_run_of_another_host(runs):
     scene = scenes.load("belt")
-    listener = Listener(f"tls/127.0.0.1:{free_port().rpartition(':')[2]}", ("nf", "operator"))
+    listener = Listener(f"tls/127.0.0.1:{own_port()}", ("nf", "operator"))
     stopped = []
     session = bus.host("far", scene.name, None, ["nf"], listener)
     job = Job(scene.to_json(), run="far", pace=1.0, duration=600.0, listener=listener)

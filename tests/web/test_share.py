@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import httpx
 import pytest
 from patience import PATIENCE_S, wait_for
+from ports import own_port
 from websockets.asyncio.client import connect as connecting
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -25,9 +26,7 @@ pytest.importorskip("cryptography")
 
 
 def free_place():
-    with socket.socket() as tried:
-        tried.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{tried.getsockname()[1]}"
+    return f"127.0.0.1:{own_port()}"
 
 
 @pytest.fixture
@@ -296,7 +295,7 @@ def test_a_class_may_watch_by_ipv6(folder):
         socket.create_server(("::1", 0), family=socket.AF_INET6).close()
     except OSError:
         pytest.skip("this machine has no IPv6")
-    with Server(0, folder, lambda _: None, f"[::1]:{free_place().rpartition(':')[2]}") as server:
+    with Server(0, folder, lambda _: None, f"[::1]:{own_port()}") as server:
         watcher = Watcher(server.share)
         assert watcher.first.status_code == 200
         with watcher.socket() as page:

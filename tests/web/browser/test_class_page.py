@@ -1,8 +1,7 @@
 """The page of a class: it shows the rig, has no operation, and gets it from the page of the user."""
 
-import socket
-
 import pytest
+from ports import own_port
 
 from rig.web.server import Server
 
@@ -12,10 +11,7 @@ SHOWN = "return [...document.querySelectorAll('button, input')].filter((one) => 
 
 @pytest.fixture
 def server(folder):
-    with socket.socket() as tried:
-        tried.bind(("127.0.0.1", 0))
-        place = f"127.0.0.1:{tried.getsockname()[1]}"
-    with Server(0, folder, lambda _: None, place) as running:
+    with Server(0, folder, lambda _: None, f"127.0.0.1:{own_port()}") as running:
         yield running
 
 

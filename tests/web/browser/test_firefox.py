@@ -8,6 +8,7 @@ import time
 
 import pytest
 from patience import wait_for
+from ports import own_port
 from websockets.sync.client import connect
 
 from rig import scenes
@@ -62,9 +63,7 @@ def tab(tmp_path):
         pytest.skip("needs Firefox: apt-get install firefox-esr (or as your system calls it)")
     profile = tmp_path / "firefox"
     profile.mkdir()
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = own_port()
     command = [FIREFOX, "--headless", "--profile", str(profile), "--remote-debugging-port", str(port), "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
