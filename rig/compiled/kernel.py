@@ -188,7 +188,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
             super().finalize()  # type: ignore[no-untyped-call]
 
     def filled(self, shape: Any) -> Self:
-        """The library that numba would have made for `shape`: with its constants filled in, and likewise in its parts."""
+        """The library that numba would have made for `shape`: with its constants filled in, here and in its parts."""
         if shape not in self._filled:
             made: Self = self._codegen.create_library(self.name)  # type: ignore[no-untyped-call]
             made.enable_object_caching()  # type: ignore[no-untyped-call]
