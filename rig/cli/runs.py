@@ -68,11 +68,11 @@ Listen = Annotated[
     ),
 ]
 Tickets = Annotated[
-    str | None,
+    list[str] | None,
     Option(
         "SEATS",
         "With --listen: who joins from other hosts, separated by commas: controllers of the scene, recorder, viewer, "
-        "operator.",
+        "operator. Repeatable.",
         "--tickets",
     ),
 ]
@@ -186,21 +186,22 @@ def run(
 
 
 def reached_at(
-    listen: str | None, tickets: str | None, scene: Scene, duration: float | None, pace: LivePace
+    listen: str | None, tickets: list[str] | None, scene: Scene, duration: float | None, pace: LivePace
 ) -> Listener | None:
     """Where other hosts reach the run, from --listen and --tickets; None without. Raises UsageError."""
     if listen is None and tickets is None:
         return None
-    seats = separated(tickets)
+    named = ",".join(tickets or ())
+    seats = separated(named)
     refuse_all(
-        (listen is None, f"--tickets {tickets}: needs --listen tls/HOST:PORT, where their holders reach the run"),
+        (listen is None, f"--tickets {named}: needs --listen tls/HOST:PORT, where their holders reach the run"),
         (not seats, f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator"),
     )
     from rig.bus.tickets import Listener
 
     seconds = (scene.duration_ns or 0) / 1e9 if duration is None else duration
     factor = 1.0 if pace is None or pace == "auto" else pace
-    listener = Listener(listen or "", tuple(dict.fromkeys(seats)), seconds / min(factor, 1.0))
+    listener = Listener(listen or "", tuple(seats), seconds / min(factor, 1.0))
     listener.check([name for name in scene.controllers if name not in scene.in_plant])
     return listener
 

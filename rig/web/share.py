@@ -198,6 +198,7 @@ class Share:
         self._socket.bind(address)
         self._socket.listen(128)
         self.token = secrets.token_urlsafe(12)
+        place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"  # as browsers write it
         self.address = f"https://{place}/?token={self.token}"
         own = Authority("friction-rig class").server(*dict.fromkeys((host, numeric)))
         self.fingerprint = own.fingerprint
