@@ -71,7 +71,7 @@ def check_place(given: str, place: str, before: str = "") -> tuple[str, int]:
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind(address)
             tried.listen()
-            socket.create_connection(address[:2], 1.0).close()  # an address of many hosts lets one listen, but no more
+            socket.create_connection((str(address[0]), int(port)), 1.0).close()  # of many hosts: nobody can connect
     except (socket.gaierror, UnicodeError):
         raise UsageError(f"{given}: no address is known for the name {host}; give an address of this host") from None
     except OSError as fault:
@@ -99,14 +99,14 @@ def _host(given: str, text: str) -> str:
 
 def _check_reached(given: str, host: str, address: str) -> None:
     """Raise UsageError if other hosts do not reach this one at `address`, which belongs to `host`."""
-    found = ipaddress.ip_address(address.partition("%")[0])
-    if found.is_unspecified:
+    meant = ipaddress.ip_address(address.partition("%")[0])
+    if meant.is_unspecified:
         raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
     if is_address(host) or host == _OWN:
         return
     if host.replace(".", "").isdigit():
         raise UsageError(f"{given}: certificates need the whole address; write {address}")
-    if found.is_loopback:
+    if meant.is_loopback:
         raise UsageError(
             f"{given}: on this host the name {host} means {address}, which no other host reaches; give its address in "
             "the network"

@@ -147,7 +147,10 @@ def doctor(
     ticket: Annotated[
         Path | None,
         Option(
-            "FILE", "Measure the link to the plant of this ticket instead: docs/remote.md.", "--ticket", check=ticket_file
+            "FILE",
+            "Measure the link to the plant of this ticket instead: docs/remote.md.",
+            "--ticket",
+            check=ticket_file,
         ),
     ] = None,
 ) -> Answer:

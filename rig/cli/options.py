@@ -269,7 +269,7 @@ def added(given: Iterable[str] | None) -> dict[str, object]:
     return with_files(files)
 
 
-def there(given: Iterable[str] | None, scene: Scene) -> None:
+def check_controllers(given: Iterable[str] | None, scene: Scene) -> None:
     """Raise UsageError for a --controller that `scene` does not have."""
     for name in named(given):
         if name not in scene.controllers:

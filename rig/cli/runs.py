@@ -29,6 +29,7 @@ from rig.cli.options import (
     When,
     accuracy,
     added,
+    check_controllers,
     linked,
     live_pace,
     recording,
@@ -36,7 +37,6 @@ from rig.cli.options import (
     separated,
     share,
     the_scene,
-    there,
     trigger,
 )
 from rig.cli.printing import new_recording
@@ -151,7 +151,7 @@ def run(
     from rig.bench.live.outcome import keeps_up
     from rig.bench.live.supervise import run as supervise
 
-    there(controllers, scene)
+    check_controllers(controllers, scene)
     drawable(names, scene)
     keeps_up(scene, factor)
     listener = reached_at(listen, tickets, scene, duration, factor)
@@ -347,7 +347,7 @@ def simulate(
             "--method": by_method,
         }
         loaded = the_scene(scene, overrides, by_option, untold)
-        there(controllers, loaded)
+        check_controllers(controllers, loaded)
         drawable(names, loaded)
         loaded = configured(loaded, {**overrides, **by_method}, precision, budget)
         printing.run_warnings(loaded, duration)
