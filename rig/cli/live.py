@@ -92,7 +92,7 @@ Name = Annotated[str, Argument("NAME", "A controller of the run, connected or no
 
 def connect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     """Connect a controller of a live run to its actuators. The recording contains it, as a step of the protocol."""
-    _do(
+    _command(
         "connect", run, ticket, f"{name} is connected from t = {{t:.3f}} s on: it drives its actuators", controller=name
     )
 
@@ -104,17 +104,17 @@ def disconnect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     that has left keeps its actuators until it is disconnected.
     """
     told = f"{name} is disconnected from t = {{t:.3f}} s on: its actuators take the values of the protocol"
-    _do("disconnect", run, ticket, told, controller=name)
+    _command("disconnect", run, ticket, told, controller=name)
 
 
 def pause(run: RunName = None, ticket: Ticket = None) -> None:
     """Pause a live run: no frame is computed until rig live resume, except by rig live step."""
-    _do("pause", run, ticket, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
+    _command("pause", run, ticket, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
 
 
 def resume(run: RunName = None, ticket: Ticket = None) -> None:
     """Continue a paused run."""
-    _do("resume", run, ticket, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
+    _command("resume", run, ticket, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
 
 
 def step(
@@ -123,7 +123,7 @@ def step(
     ticket: Ticket = None,
 ) -> None:
     """Compute single frames of a paused run: with each one its controllers receive one step."""
-    _do("step", run, ticket, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
+    _command("step", run, ticket, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
 
 
 def stop(
@@ -133,14 +133,14 @@ def stop(
 ) -> None:
     """End a live run in order. The recording contains it."""
     if emergency:
-        _do(
+        _command(
             "emergency",
             run,
             ticket,
             "emergency stop at t = {t:.6f} s: all actuators go to their safe values, then it ends",
         )
     else:
-        _do("stop", run, ticket, "stopped at t = {t:.6f} s")
+        _command("stop", run, ticket, "stopped at t = {t:.6f} s")
 
 
 def knock(
@@ -150,10 +150,10 @@ def knock(
 ) -> None:
     """Apply an impulse to the body of a live run. The recording contains it."""
     size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
-    _do("knock", run, ticket, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
+    _command("knock", run, ticket, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
 
 
-def _do(what: str, run: str | None, ticket: Path | None, told: str, unchanged: str = "", **more: Any) -> None:
+def _command(what: str, run: str | None, ticket: Path | None, told: str, unchanged: str = "", **more: Any) -> None:
     """Ask the plant to do something, and tell that it did, with the time `t` [s] and the run.
 
     `unchanged`: what is told if there was nothing to change.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from rig.errors import SceneError
-from rig.printable import with_unit
+from rig.printable import counted, with_unit
 from rig.results import Column
 from rig.scenes.belief import varied
 from rig.scenes.faults import near, shortened, shown, unit_of
@@ -102,7 +102,7 @@ class Axis:
         faults = [] if key in known else [unknown(key, known, scene)]
         steps = np.diff(along)
         if not 2 <= len(along) <= MOST:
-            faults.append(f"{len(along)} values: must be from 2 to {MOST}")
+            faults.append(f"{counted(len(along), 'value')}: must be from 2 to {MOST}")
         elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             faults.append("values must rise or fall throughout")
         if faults:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import socket
 import sys
 import threading
@@ -237,6 +238,31 @@ def test_a_ticket_that_others_can_read(hosted):
         _join(hosted.ticket())
 
 
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("pipe", "it is not a regular file"),
+        ("folder", "it is a folder"),
+        ("huge", "it is larger than 1 MiB, the largest size that is read"),
+        ("binary", "it is no text"),
+        ("missing", "No such file or directory"),
+    ],
+)
+def test_what_is_no_file_of_text(kind, why, tmp_path):
+    path = tmp_path / kind
+    if kind == "pipe":
+        os.mkfifo(path, 0o600)
+    elif kind == "folder":
+        path.mkdir(0o700)
+    elif kind != "missing":
+        path.touch(0o600)
+        path.write_bytes(b"\xff" * 1000)
+    if kind == "huge":
+        os.truncate(path, 1 << 32)
+    with pytest.raises(BusError, match=rf"the ticket .*{kind} cannot be read: {why}$"):
+        tickets.read(path)
+
+
 @pytest.mark.parametrize("text", ["", "{}", "not JSON", "\n", "[" * 100_000], ids=len)
 def test_what_is_no_ticket(text, tmp_path):
     with pytest.raises(BusError, match=r"altered.ticket is damaged, or no ticket: copy it again from the plant's host"):
@@ -457,10 +483,19 @@ def test_a_loss_says_what_this_computer_has_to_do_with_it(slept, address, why, a
         ("tls/127.0.0.1", r"expected tls/HOST:PORT"),
         ("tls/127.0.0.1:http", r"expected tls/HOST:PORT"),
         ("tls/0.0.0.0:7450", r"name the one address or name of this host"),
-        ("tls/[::]:7450", r"name the one address or name of this host"),
+        ("tls/0:7450", r"name the one address or name of this host"),
+        ("tls/127.1:7450", r"certificates need the whole address; write 127.0.0.1"),
+        ("tls/2130706433:7450", r"certificates need the whole address; write 127.0.0.1"),
+        ("tls/[127.0.0.1]:7450", r"an IPv6 address stands in brackets, .*, and no other host"),
+        ("tls/*:7450", r"\* is no name and no address of a host"),
+        ("tls//127.0.0.1:7450", r"/127.0.0.1 is no name and no address of a host"),
+        ("tls/127.0.0.1:७४५०", r"expected tls/HOST:PORT"),
+        ("tls/224.0.0.1:7450", r"; give an address of this host"),
+        ("tls/255.255.255.255:7450", r"; give an address of this host"),
         ("tls/127.0.0.1:443", r"the port must be 1024 to 65535; those below belong to the system"),
         ("tls/127.0.0.1:70000", r"the port must be 1024 to 65535"),
-        ("tls/[::1]:7450", r"processes cannot join at an IPv6 address|Cannot assign requested address"),
+        ("tls/[::1]:7450", r"processes cannot join at an IPv6 address; give a name or an IPv4 address"),
+        ("tls/::1:7450", r"processes cannot join at an IPv6 address; give a name or an IPv4 address"),
         ("tls/192.0.2.7:7450", r"Cannot assign requested address; give an address of this host"),
         ("tls/no.such.name.invalid:7450", r"no address is known for the name no.such.name.invalid"),
     ],
@@ -469,6 +504,15 @@ def test_where_nobody_can_listen(endpoint, why):
     with pytest.raises(UsageError, match=why) as told:
         Listener(endpoint, ("nf",)).check(["nf"])
     assert str(told.value).startswith(f"--listen {endpoint}: ")
+
+
+def test_a_name_that_means_another_address_to_the_others(monkeypatch):
+    """Debian gives the name of a host an address of loopback."""
+    monkeypatch.setattr(
+        tickets.socket, "getaddrinfo", lambda *_, **__: [(socket.AF_INET, 1, 6, "", ("127.0.1.1", 7450))]
+    )
+    with pytest.raises(UsageError, match=r"the name plant means 127.0.1.1, which no other host reaches; give its addr"):
+        Listener("tls/plant:7450", ("nf",)).check(["nf"])
 
 
 def test_an_address_in_use_and_a_seat_that_is_not_there(runs):
@@ -484,3 +528,5 @@ def test_an_address_in_use_and_a_seat_that_is_not_there(runs):
         UsageError, match="--tickets fn: the run has no such seat; it has nf, recorder, viewer, operator"
     ):
         Listener("tls/127.0.0.1:7450", ("fn",)).check(["nf"])
+    with pytest.raises(UsageError, match="--tickets nf: named twice; a seat has one ticket and one holder"):
+        Listener("tls/127.0.0.1:7450", ("nf", "viewer", "nf")).check(["nf"])
