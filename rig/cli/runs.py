@@ -189,7 +189,7 @@ def reached_at(
     listen: str | None, tickets: list[str] | None, scene: Scene, duration: float | None, pace: LivePace
 ) -> Listener | None:
     """Where other hosts reach the run, from --listen and --tickets; None without. Raises UsageError."""
-    if listen is None and tickets is None:
+    if listen is None and not tickets:
         return None
     named = ",".join(tickets or ())
     seats = separated(named)
