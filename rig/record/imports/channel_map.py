@@ -30,8 +30,8 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.machine import files
+from rig.record.imports.columns import Column, MeasurementFile
 from rig.record.imports.instrument_units import UnitFault, is_time, meaning
-from rig.record.imports.measurement_file import Column, MeasurementFile
 from rig.record.run_data import Reals
 from rig.scenes.faults import near
 from rig.units import brief, parted
