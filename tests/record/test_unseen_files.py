@@ -199,6 +199,23 @@ TEXTS = {
         refused=("row 1 has 3 names, the rows have 6 cells", "separate the cells by semicolons"),
         in_one_line=True,
     ),
+    "the comma separates and is the decimal mark, no names.csv": Kind(
+        lines(*rows(lambda t, v, n: f"{comma(t)},{comma(v)}")),
+        refused=("row 1 has '0,000000,0,000000': the comma separates the cells and is the decimal mark too",),
+        in_one_line=True,
+    ),
+    "keys above the names.csv": Kind(
+        lines(
+            "Sample Interval,0.001,",
+            "Vertical Units,V,",
+            "YUnit,V",
+            "Label,,",
+            "TIME,CH1",
+            *rows(lambda t, v, n: f"{t},{v}"),
+        ),
+        ["CH1 = v, m/s"],
+        "TIME, s",
+    ),
     "decimal comma in quotes.csv": Kind(
         lines('"t [s]","v [m/s]"', *rows(lambda t, v, n: f'"{comma(t)}","{comma(v)}"'))
     ),
