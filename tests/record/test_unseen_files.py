@@ -206,15 +206,18 @@ TEXTS = {
     ),
     "keys above the names.csv": Kind(
         lines(
-            "Sample Interval,0.001,",
-            "Vertical Units,V,",
-            "YUnit,V",
-            "Label,,",
-            "TIME,CH1",
-            *rows(lambda t, v, n: f"{t},{v}"),
+            *("Sample Interval,0.001,", "Vertical Units,V,", "YUnit,V", "Label,,", "TIME,CH1"),
+            *(row.replace(";", ",") for row in PLAIN),
         ),
         ["CH1 = v, m/s"],
         "TIME, s",
+    ),
+    "numbers with zeros first.csv": Kind(
+        lines("v [m/s],code", *(f"{v},{i:04d}" for i, v in enumerate(V))),
+        ["v = v", "code = code, 1"],
+        "",
+        "1 kHz",
+        becomes={"v": ("m/s", V), "code": ("1", np.arange(200))},
     ),
     "decimal comma in quotes.csv": Kind(
         lines('"t [s]","v [m/s]"', *rows(lambda t, v, n: f'"{comma(t)}","{comma(v)}"'))
