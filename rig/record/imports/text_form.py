@@ -177,7 +177,7 @@ class Form:
         )
 
     def has_decimals_alone(self, lines: Sequence[str]) -> bool:
-        """Whether every second column has digits as decimals have, 0,001,1,500: of one length, some with a zero first."""
+        """Whether every second column has digits as decimals have (0,001,1,500): one length, some with a zero first."""
         columns = self._columns(lines)[1::2]
         return self.width % 2 == 0 and all(map(_are_decimals, columns))
 
