@@ -162,7 +162,7 @@ def test_boards_of_two_computers_may_have_one_port_number_and_each_has_one_run()
     second = Address("udp", "127.0.0.2", first.number)
     ends = [UdpPort((board.where, board.number), ("127.0.0.1", first.number + 1)) for board in (first, second)]
     lines = [board.open(0) for board in (first, second)]
-    with pytest.raises(DeviceError, match="localhost:.* another process has opened it"):
+    with pytest.raises(DeviceError, match=r"localhost:.* another process has opened it"):
         Address("udp", "localhost", first.number).open(0)
     for number, (end, line) in enumerate(zip(ends, lines)):
         line.send(b"asked")
