@@ -19,7 +19,7 @@ import numpy as np
 from rig.analysis.identification.written import base_of, stated, text_of
 from rig.analysis.robust import in_time
 from rig.analysis.robust.box import values_text
-from rig.analysis.robust.growth import LOOP, NoSliding
+from rig.analysis.robust.growth import LOOP
 from rig.analysis.robust.in_time import Timed
 from rig.analysis.robust.search import NOMINAL, PROVED, ROBUST, SCENE, Certificate, Entry, Findings
 from rig.analysis.robust.stated import Job
@@ -141,12 +141,8 @@ class RobustResult(Result):
     def _fault(self) -> str:
         """Why the worst rig has no growth, and which it is."""
         u = self.found.design.worst.u[0]
-        at = values_text(self.rig(u))
-        try:
-            self.job.grown().matrix(self.found.design.x, u)
-        except NoSliding as fault:
-            return f"{fault} ({at}); make the range smaller"
-        return at
+        why = self.job.grown().matrix(self.found.design.x, u).why
+        return f"{why} ({values_text(self.rig(u))}); make the range smaller"
 
     def _from_edge(self, hertz: float) -> str:
         """How far a frequency is from the nearest edge of the band, in words."""
