@@ -37,6 +37,7 @@ _SURE = math.log(1000.0)  # over the number of random rigs: the share that can b
 _DIGITS = ".10g"  # of designed values: the worst rig is steep in them
 _GROWTH = Column("growth", "1/s", ".6g")
 _AT = Column("at", "Hz", ".5g")
+NOTHING_DESIGNED = "no scene is written: no value is free, so that nothing is designed; free one with --over"
 DESIGNED = "designed"
 """Origin of a value that a design has found."""
 
@@ -363,7 +364,7 @@ def write(result: RobustResult, out: Path, based_on: str) -> Path:
     Raises UsageError if nothing is designed, OutputError if the file cannot be written.
     """
     if not result.job.box.free:
-        raise UsageError(f"{out} is not written: no value is free, so that nothing is designed")
+        raise UsageError(f"{out}: {NOTHING_DESIGNED}")
     write_file(out, scene_text(result, base_of(based_on, out)).encode())
     return out
 
