@@ -189,13 +189,16 @@ def reached_at(
     listen: str | None, tickets: list[str] | None, scene: Scene, duration: float | None, pace: LivePace
 ) -> Listener | None:
     """Where other hosts reach the run, from --listen and --tickets; None without. Raises UsageError."""
-    if listen is None and tickets is None:
+    if listen is None and not tickets:
         return None
     named = ",".join(tickets or ())
     seats = separated(named)
     refuse_all(
         (listen is None, f"--tickets {named}: needs --listen tls/HOST:PORT, where their holders reach the run"),
-        (not seats, f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator"),
+        (
+            listen is not None and not seats,
+            f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator",
+        ),
     )
     from rig.bus.tickets import Listener
 
