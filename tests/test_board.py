@@ -4,6 +4,7 @@ import os
 import random
 import socket
 import struct
+import sys
 import threading
 import time
 import tracemalloc
@@ -16,6 +17,7 @@ from boards import board_port
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig.controllers.runtime.stand_in import board_end
 from rig.errors import DeviceError
 from rig.machine import board
 from rig.machine.board import ACT, STEP, Address, Frame, Line, stuffed, unstuffed
@@ -132,6 +134,26 @@ def test_datagrams_of_others_never_arrive():
 def _reply(here, port):
     asked = Frame.from_bytes(here.recv(100))
     here.sendto(asked._replace(kind=ACT, values=(3.0,)).to_bytes(), (port.where, port.number + 1))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell where a datagram was sent")
+def test_a_stand_in_is_on_the_core_of_the_program_that_asks_it():
+    address = Address.read(board_port())
+    with board_end(address) as end:
+        assert end.sender_core == -1
+        line = address.open(115200)
+        for core in os.sched_getaffinity(0):
+            asking = threading.Thread(target=sent_from, args=(line, core))
+            asking.start()
+            asking.join()
+            assert end.receive(1.0)
+            assert end.sender_core == core
+        line.close()
+
+
+def sent_from(line, core):
+    os.sched_setaffinity(0, {core})
+    line.send(b"frame")
 
 
 def test_a_board_that_is_away_costs_the_patience_and_no_more():

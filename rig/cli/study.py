@@ -169,7 +169,7 @@ def _robust(
     from rig.analysis import robust
     from rig.analysis.pool import Store
     from rig.analysis.robust.in_time import envelopes
-    from rig.analysis.robust.written import write
+    from rig.analysis.robust.result import write
     from rig.machine.files import write_file
 
     printing.warnings(scene)

@@ -319,6 +319,13 @@ class UdpPort:
                     received.append(self._socket.recv(2048))
         return received
 
+    @property
+    def sender_core(self) -> int:
+        """The core on which a program of this computer sent the last frame (Linux); -1 if that is not known."""
+        with suppress(AttributeError, OSError):
+            return self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_INCOMING_CPU)
+        return -1
+
     def close(self) -> None:
         """See `Port.close`."""
         self._socket.close()

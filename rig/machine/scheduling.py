@@ -99,6 +99,12 @@ def placed(own: int, bus: int) -> Iterator[None]:
             _put(thread, ALLOWED)
 
 
+def stay_on(core: int) -> None:
+    """From now on the calling thread uses one core, unless it is `ANY`."""
+    if core != ANY:
+        _put(0, {core})
+
+
 def anywhere() -> None:
     """Let the system choose the core of the calling thread: for threads that inherited a core or compute for long."""
     if ALLOWED:

@@ -178,7 +178,10 @@ class RunRecorder:
         self._summary: dict[str, Any] = {}
 
     def run(self, stop: threading.Event) -> Recording:
-        """Record until the plant has left or `stop` is set; returns the account of the recording."""
+        """Record until the plant has left or `stop` is set; returns the account of the recording.
+
+        Raises BusError if nothing was sent.
+        """
         while not stop.is_set() and self._session.goes_on(self._plant):
             if not self._take():
                 stop.wait(_PAUSE_S)
@@ -188,7 +191,10 @@ class RunRecorder:
                 time.sleep(_PAUSE_S)
         while self._take():
             pass
-        recording = self._account(_TOLD if stop.is_set() else self._session.gone or _LEFT)
+        ended = _TOLD if stop.is_set() else self._session.gone or _LEFT
+        if not self._heard.counts:
+            raise BusError(f"run {self._session.run} had not begun when {ended}: nothing is recorded")
+        recording = self._account(ended)
         self._writer.close(asdict(recording), self._summary)
         return recording
 

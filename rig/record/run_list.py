@@ -102,7 +102,7 @@ def runs(
         except OSError as fault:
             listed.append(_unreadable(path, fault))
             continue
-        if not stat.S_ISREG(state.st_mode):
+        if not stat.S_ISREG(state.st_mode) or not state.st_size:  # an empty one waits for its run to begin
             continue
         name = path.relative_to(folder).as_posix()
         entry = known.files.get(name)

@@ -45,20 +45,17 @@ FLUSH_NS = 125_000_000
 
 
 def opened_new(path: Path, replace: bool) -> BinaryIO:
-    """Open a file for writing, empty and exclusively for this process; an existing file with content only with
-    `replace`.
+    """Open a file for appending, exclusively for this process; an existing file with content only with `replace`.
 
-    Raises OSError if that fails, with the reason in `strerror`.
+    It keeps its content for now. Raises OSError if that fails, with the reason in `strerror`.
     """
     files.takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _OWN, 0o666)  # what is cut leaves no hole
     try:
         if not files.free(file):
             raise OSError(errno.EBUSY, files.WRITTEN)
-        if os.fstat(file).st_size:
-            if not replace:
-                raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
-            os.ftruncate(file, 0)
+        if os.fstat(file).st_size and not replace:
+            raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
     except OSError:
         os.close(file)
         raise
@@ -80,8 +77,12 @@ class Writer:
     "measured".
 
     `trigger`: for a window of a run, why it was recorded and where it begins (rig.record.windows).
-    An existing file is overwritten only with `replace`. Raises OutputError if the file cannot be written.
+    An existing file is overwritten only with `replace`, and by the first message: a run that ends before it leaves
+    everything as it was. Raises OutputError if the file cannot be written.
     """
+
+    _mcap: mcap_writer.Writer
+    """The file as MCAP, from the first message on."""
 
     def __init__(
         self,
@@ -123,15 +124,19 @@ class Writer:
         self._flush_due = time.monotonic_ns() + FLUSH_NS
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
+            self._new = not path.exists()
+            self._begun = False
             self._file = opened_new(path, replace)
-        self._mcap = mcap_writer.Writer(self._file, CHUNK, path.parent)
-        try:
-            with self._guarded():
-                self._describe()
-                self._file.flush()
-        except OutputError:
-            self.abandon()
-            raise
+
+    def _begin(self) -> None:
+        """Empty the file, and write what stands before the messages."""
+        with self._guarded():
+            if os.fstat(self._file.fileno()).st_size:
+                self._file.truncate(0)
+            self._mcap = mcap_writer.Writer(self._file, CHUNK, self.path.parent)
+            self._begun = True
+            self._describe()
+            self._file.flush()
 
     def _describe(self, copy: str = "") -> None:
         setup = self.setup
@@ -202,6 +207,8 @@ class Writer:
         """Add a message; `t_ns`: simulated time that it states, `seq`: its number on the topic, `wall_ns`: the wall
         clock when it was received. Times of other senders that cannot be are replaced by those of the plant.
         """
+        if not self._begun:
+            self._begin()
         self._wall_ns = wall_ns
         if topics.of_plant(topic):
             self.last_ns = max(self.last_ns, t_ns)
@@ -289,7 +296,7 @@ class Writer:
         """Write what has waited, close the chunk and pass it to the system if `FLUSH_NS` have passed since the last
         time.
         """
-        if (now := time.monotonic_ns()) >= self._flush_due:
+        if self._begun and (now := time.monotonic_ns()) >= self._flush_due:
             self._flush_due = now + FLUSH_NS
             self.settle(self._reached_ns - self._lag_ns)
             self._reached_ns = self.last_ns
@@ -299,6 +306,8 @@ class Writer:
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
         """Finish the file with an account of the recording and the summary of the run, and sync it to the disk."""
+        if not self._begun:
+            self._begin()
         self._draw(chain(self._outputs(), self._curves.complete()))
         with self._guarded():
             self._put(None, len(self._waiting))
@@ -311,7 +320,10 @@ class Writer:
             self._file.close()
 
     def abandon(self) -> None:
-        """Close the file, finished or not; flushed parts stay readable."""
-        self._mcap.discard()
+        """Close the file, finished or not; flushed parts stay readable. A new file without content is removed."""
+        if self._begun:
+            self._mcap.discard()
         with contextlib.suppress(OSError):
             self._file.close()
+            if self._new and not self._begun:
+                self.path.unlink(missing_ok=True)

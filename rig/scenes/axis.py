@@ -153,7 +153,12 @@ class Axis:
 
     def text(self, value: float, digits: int = 6) -> str:
         """Return a value (SI) as text in the unit `shown`."""
-        return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
+        return f"{value / self.scale:.{digits}g} {self.shown_unit}".rstrip()
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit `shown` beside a number; "" for one without a unit."""
+        return "" if self.shown == "1" else self.shown
 
     @property
     def label(self) -> str:

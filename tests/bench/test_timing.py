@@ -10,13 +10,13 @@ from rig.bench.live.timing import Spread, Timing, TimingVerdict
 MS = 1_000_000
 
 
-def kept(lateness, waited=None, spans=(0, 20_000, 10_000, 0), cpu=40_000):
-    """A Timing with one row for each lateness [ns]."""
+def kept(lateness, waited=None, spans=(0, 20_000, 10_000, 0), cpu=40_000, stolen=0):
+    """A Timing with one row for each lateness [ns]; `stolen`: what the host took meanwhile [ns]."""
     timing = Timing(MS)
     for i, late in enumerate(lateness):
         begin = i * MS + late
         timing.rows.append((begin, late, True if waited is None else waited[i], *spans, i * cpu))
-    timing.fold()
+    timing.fold(stolen)
     return timing
 
 
@@ -54,17 +54,21 @@ def test_a_loss_or_a_fault_degrades():
 
 
 @pytest.mark.parametrize(
-    ("waited", "spans", "cpu", "cause"),
+    ("waited", "spans", "cpu", "stolen", "cause"),
     [
-        (True, (0, 20_000, 10_000, 0), 40_000, "wake"),
-        (False, (0, 5 * MS, 10_000, 0), 5 * MS, "plant"),
-        (False, (0, 5 * MS, 10_000, 0), 1 * MS, "preempted"),
-        (False, (0, 20_000, 5 * MS, 0), 1 * MS, "publish"),  # a put that waits is no computation
-        (False, (0, 20_000, 10_000, 5 * MS), 5 * MS, "serve"),
-        (False, (5 * MS, 20_000, 10_000, 0), 5 * MS, "receive"),
+        (True, (0, 20_000, 10_000, 0), 40_000, 0, "wake"),
+        (True, (0, 20_000, 10_000, 0), 40_000, 2 * MS - 1, "wake"),
+        (True, (0, 20_000, 10_000, 0), 40_000, 2 * MS, "host"),
+        (False, (0, 5 * MS, 10_000, 0), 5 * MS, 0, "plant"),
+        (False, (0, 5 * MS, 10_000, 0), 5 * MS, 20 * MS, "plant"),  # it computed all the time
+        (False, (0, 5 * MS, 10_000, 0), 1 * MS, 0, "preempted"),
+        (False, (0, 5 * MS, 10_000, 0), 1 * MS, 10 * MS, "host"),
+        (False, (0, 20_000, 5 * MS, 0), 1 * MS, 0, "publish"),  # a put that waits is no computation
+        (False, (0, 20_000, 10_000, 5 * MS), 5 * MS, 0, "serve"),
+        (False, (5 * MS, 20_000, 10_000, 0), 5 * MS, 0, "receive"),
     ],
 )
-def test_an_overrun_has_a_cause(waited, spans, cpu, cause):
-    timing = kept([0, 4 * MS], waited=[True, waited], spans=spans, cpu=cpu)
+def test_an_overrun_has_a_cause(waited, spans, cpu, stolen, cause):
+    timing = kept([0, 4 * MS], waited=[True, waited], spans=spans, cpu=cpu, stolen=stolen)
     assert {name for name, count in timing.overruns.items() if count} == {cause}
     assert timing.worst_cause == cause

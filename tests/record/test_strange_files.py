@@ -325,7 +325,7 @@ KINDS = {
     ),
     "more cells in the first rows.csv": Kind(
         lines("t [s],v [m/s]", *rows(lambda t, v, n: f"{t:.6f},{v}{',,rate,1000' if t < 0.015 else ''}")),
-        left_out={"beside the rows": "the first 15 rows have remarks behind the values"},
+        left_out={"beside the rows": "remarks behind the values of the first 15 rows"},
     ),
     "lines of numbers above the rows.csv": Kind(
         lines("7,8,9,10", "11,12,13", *rows(lambda t, v, n: f"{t:.6f},{v}")),
@@ -396,7 +396,7 @@ KINDS = {
     "times beyond the clock.csv": Kind(
         lines("t,v [m/s]", "1709287200000,1", "1709287200001,2"),
         time="t, s",
-        refused=("row 2 (and 3), column t: the time 1.7092872e+12 s lies beyond 9e+09 s; state its unit",),
+        refused=("row 2 (and 3), column t: the time 1.7092872e+12 s lies beyond 1e+11 s; state its unit",),
     ),
     "times of an epoch in ms.csv": Kind(
         lines("t,v [m/s]", "1709287200000,1", "1709287200500,2"),
@@ -570,7 +570,7 @@ KINDS = {
         refused=("row 4 (and 5), column v: the value is infinite",),
     ),
     "quotes that do not end.csv": Kind(
-        lines("t [s],v [m/s]", '0,"1', "1,2", "2,3"), refused=("In CSV column #1: Row #2",)
+        lines("t [s],v [m/s]", '0,"1', "1,2", "2,3"), refused=("row 2: its quotes do not end",)
     ),
     "the end of time.csv": Kind(
         lines("t [s],v [m/s]", "-1e300,1", "1e300,2"),

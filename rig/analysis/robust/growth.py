@@ -54,6 +54,11 @@ class NoSliding(RigError):
     """A rig that has no eigenvalues, for the reason in words."""
 
 
+def hertz(rates: Complex) -> Array:
+    """Return the frequencies [Hz] of rates [1/s]."""
+    return np.asarray(np.abs(rates.imag) / (2.0 * math.pi))
+
+
 class Matrix(NamedTuple):
     """The matrix of a rig, [n, n]: continuous in time (`period` 0), or of one period [s]. Eigenvalues count up to the
     frequency `up_to` [Hz].
@@ -64,9 +69,14 @@ class Matrix(NamedTuple):
     up_to: float = math.inf
 
     @property
+    def values(self) -> Complex:
+        """All eigenvalues of A."""
+        return np.linalg.eigvals(self.A).astype(np.complex128)
+
+    @property
     def spectrum(self) -> Complex:
         """The rates [1/s] of all eigenvalues."""
-        return self.rates(np.linalg.eigvals(self.A).astype(np.complex128))
+        return self.rates(self.values)
 
     def rates(self, values: Complex) -> Complex:
         """The rates [1/s] of eigenvalues of A; one that vanishes within a period has the rate -infinity."""
@@ -99,7 +109,8 @@ class Growth:
         self.closed = measure == LOOP
         self.count = 0
         """Rigs that were assembled."""
-        self._moved = _held(scene) if self.closed else scene.moved
+        inputs = assembled(scene.parameters, scene.frame_ns, random=False).inputs if self.closed else ()
+        self._moved = dict.fromkeys(inputs, "held") if self.closed else scene.moved
         self._dithered = bool(dithers(scene, ""))
         self._mode_set: int | None = None
         self._numbers: dict[Any, dict[str, Any]] = {}
@@ -180,20 +191,19 @@ class Growth:
     def of_rates(self, rates: Complex, up_to: float = math.inf) -> tuple[float, float]:
         """The growth that counts of `rates`, and its frequency; -infinity without a mode in the band."""
         rates = rates[np.isfinite(rates.real)]
-        hertz = np.abs(rates.imag) / (2.0 * math.pi)
-        real = np.where(hertz <= up_to, rates.real, -np.inf)
-        inside = self.inside(hertz)
-        within = np.where(inside, real, -np.inf)
-        beyond = np.where(inside, -np.inf, real)
+        tones = hertz(rates)
+        real = np.where(tones <= up_to, rates.real, -np.inf)
+        within = np.where(self.inside(tones), real, -np.inf)
+        beyond = np.where(self.inside(tones), -np.inf, real)
         first = int(within.argmax())
         other = int(beyond.argmax())
         if beyond[other] > max(none(rates)[other], within[first]):
-            first, within = other, beyond
-        return float(within[first]), float(hertz[first])
+            return float(beyond[other]), float(tones[other])
+        return float(within[first]), float(tones[first])
 
-    def inside(self, hertz: Array) -> NDArray[np.bool_]:
+    def inside(self, tones: Array) -> NDArray[np.bool_]:
         """Whether frequencies [Hz] are in the band."""
-        return (hertz >= self.band[0]) & (hertz <= self.band[1])
+        return (tones >= self.band[0]) & (tones <= self.band[1])
 
     def pieces(self, x: Array, u: Array, of_rig: bool = False, kept: int = KEPT) -> list[Piece]:
         """The eigenvalues of a rig that may count: the largest in the band, and the two largest outside of it.
@@ -206,14 +216,13 @@ class Growth:
         matrix = self.matrix(x, u)
         values, left, right = eig(matrix.A, left=True, right=True)
         rates = matrix.rates(values.astype(np.complex128))
-        hertz = np.abs(rates.imag) / (2.0 * math.pi)
-        counts = np.flatnonzero((rates.imag >= 0.0) & (hertz <= matrix.up_to) & np.isfinite(rates.real))
+        tones = hertz(rates)
+        counts = np.flatnonzero((rates.imag >= 0.0) & (tones <= matrix.up_to) & np.isfinite(rates.real))
         order = counts[np.argsort(-rates.real[counts], kind="stable")]
-        inside = self.inside(hertz)
-        chosen = [*order[inside[order]][:kept], *order[~inside[order]][:_OUTSIDE]]
-        changes = self._changes(matrix.A, x, u, of_rig)
+        inside = self.inside(tones)
+        changes = [self._change(matrix.A, x, u, i, of_rig) for i in range(len(u if of_rig else x))]
         out = []
-        for i in chosen:
+        for i in [*order[inside[order]][:kept], *order[~inside[order]][:_OUTSIDE]]:
             y = left[:, i].conj()
             r = right[:, i]
             size = y @ r * (values[i] * matrix.period if matrix.period else 1.0)
@@ -221,25 +230,22 @@ class Growth:
             out.append(Piece(complex(rates[i]), slope, bool(inside[i])))
         return out
 
-    def _changes(self, A: Array, x: Array, u: Array, of_rig: bool) -> list[Array]:
-        """Changes of A over each coordinate of the rig or of the design; zero where A has another size beside."""
-        at = u if of_rig else x
-        out = []
-        for i in range(len(at)):
-            beside = at.copy()
-            beside[i] += _STEP if at[i] < 0.5 else -_STEP
-            step = beside[i] - at[i]
-            if of_rig and self.box.uncertain[i].step:
-                out.append(np.zeros_like(A))
-                continue
-            try:
-                other = self.matrix(x, beside).A if of_rig else self.matrix(beside, u).A
-            except NoSliding:
-                other = A
-            out.append((other - A) / step if other.shape == A.shape else np.zeros_like(A))
-        return out
+    def known_pieces(self, x: Array, u: Array, of_rig: bool = False, kept: int = KEPT) -> list[Piece]:
+        """The same; none of a rig without a growth."""
+        try:
+            return self.pieces(x, u, of_rig, kept)
+        except NoSliding:
+            return []
 
-
-def _held(scene: Scene) -> dict[str, str]:
-    """The actuators of a plant whose command is a state of its own."""
-    return dict.fromkeys(assembled(scene.parameters, scene.frame_ns, random=False).inputs, "held")
+    def _change(self, A: Array, x: Array, u: Array, i: int, of_rig: bool) -> Array:
+        """The change of A over coordinate i of the rig or of the design; zero where A has another size beside."""
+        beside = (u if of_rig else x).copy()
+        at = beside[i]
+        beside[i] += _STEP if at < 0.5 else -_STEP
+        other = A
+        try:
+            if not (of_rig and self.box.uncertain[i].step):
+                other = self.matrix(*((x, beside) if of_rig else (beside, u))).A
+        except NoSliding:
+            pass
+        return (other - A) / (beside[i] - at) if other.shape == A.shape else np.zeros_like(A)

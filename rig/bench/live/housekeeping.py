@@ -150,9 +150,11 @@ class Housekeeper:
             self._experiment.journal.repeated("flood", f"{name} sends too many commands")
         if self.pacer is not None:
             self._count_given_up(self.pacer)
-            timing.fold()
+            before = self._stolen
+            self._stolen = machine_load.stolen_ns()
+            timing.fold(self._stolen - before)
             whole = (now - self._begun) * (os.cpu_count() or 1)
-            timing.stolen_share = (machine_load.stolen_ns() - self._stolen) / whole if whole else 0.0
+            timing.stolen_share = timing.stolen_ns / whole if whole else 0.0
 
     def _publish(self, now: int) -> None:
         timing = self._timing

@@ -3,8 +3,9 @@
 A frame is late if it begins more than one frame after its deadline. A sequence of late frames is one overrun. Its cause
 is what kept the frame before the first late one busy or, if the plant was ready in time, the wait:
 
-    wake       ready in time, but woken too late by the scheduler or the host
+    wake       ready in time, but woken too late by the scheduler
     preempted  busy beyond the frame, but without the processor for most of that time
+    host       one of these two, and the host of this virtual machine took half of the lateness or more at that time
     gc         a garbage collection                     compile    a kernel was compiled
     receive, plant, publish, serve                      the longest span of the frame
 
@@ -12,7 +13,7 @@ The timing verdict is VALID with at most 1 % of the frames late and nothing lost
 loss, else INVALID; the scene may set other shares. Skipped frames of the wall clock count as late.
 
 The host of a virtual machine may give its processors to others. The timing states how much it took (Linux, in steps of
-10 ms), because a late frame alone does not distinguish this from a slow scheduler.
+10 ms). It takes one processor or all for 10 to 30 ms at a time (measured).
 
 If several frames are computed in one piece, everything here is about pieces of `each` frames.
 
@@ -36,7 +37,7 @@ from rig.errors import ExitCode
 
 NOTHING_LOST = "nothing lost"
 SPANS = ("receive", "plant", "publish", "serve")
-CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
+CAUSES = ("wake", "preempted", "host", "gc", "compile", *SPANS)
 _PER_OCTAVE = 16  # bins of a histogram of times: each is 4.4 % wide. chosen
 _STOLEN = 0.01  # smaller shares are not reported
 _BINS = 48 * _PER_OCTAVE  # up to 2**48 ns, 78 hours
@@ -160,8 +161,10 @@ class Timing:
         self.worst_frame = -1
         self.worst_cause = ""
         self.given_up = 0
+        self.stolen_ns = 0
+        """Processor time that the host of this machine has taken since the first frame [ns]."""
         self.stolen_share = 0.0
-        """Share of the processor time that the host of this machine has taken since the first frame."""
+        """The same, as a share of the time of all processors."""
         self._last: Row | None = None
         self._cause = ""
 
@@ -177,8 +180,9 @@ class Timing:
             self.wall_ns = self.wall_ns / self.each * each
             self.each = each
 
-    def fold(self) -> None:
-        """Evaluate the rows so far and forget them."""
+    def fold(self, stolen_ns: int = 0) -> None:
+        """Evaluate the rows so far and forget them. `stolen_ns`: time that the host took meanwhile [ns]."""
+        self.stolen_ns += stolen_ns
         if not self.rows:
             return
         rows = self.rows
@@ -193,7 +197,7 @@ class Timing:
         for i in np.flatnonzero(late > self.wall_ns):
             before = rows[i - 1] if i else self._last
             if before is None or before[1] <= self.wall_ns:
-                self._cause = self._explain(before, rows[i])
+                self._cause = self._explain(before, rows[i], stolen_ns)
                 self.overruns[self._cause] += 1
             self.late += 1
             if late[i] > self.worst_ns:
@@ -206,9 +210,10 @@ class Timing:
         self._last = rows[-1]
         self.interruptions.forget(self._last[0])
 
-    def _explain(self, before: Row | None, row: Row) -> str:
+    def _explain(self, before: Row | None, row: Row, stolen_ns: int) -> str:
+        host = "host" if 2 * stolen_ns >= row[1] else ""
         if before is None or row[2]:
-            return "wake"
+            return host or "wake"
         begin, end = before[0], row[0]
         spans = dict(zip(SPANS, before[3:7]))
         for kind in ("compile", "gc"):
@@ -216,7 +221,7 @@ class Timing:
                 return kind
         longest = max(spans, key=lambda name: spans[name])
         preempted = row[7] - before[7] < (end - begin) / 2 and longest != "publish"
-        return "preempted" if preempted else longest
+        return (host or "preempted") if preempted else longest
 
     @property
     def late_share(self) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import math
 import re
 import struct
 import warnings
@@ -30,20 +31,21 @@ from rig.record.imports.instrument_units import is_time, meaning
 from rig.record.imports.text_table import TextTable
 from rig.record.run_data import Reals
 
-_LARGEST = 1 << 31  # bytes of a MATLAB file, unpacked
+_WHOLE = 2.0**53  # below, a double holds each whole number
+_LARGEST = 1 << 31  # bytes of a MATLAB file, unpacked, and of a data set of HDF5. chosen
 Block = Mapping[str, Reals]
-"""Column -> its next values; columns of one length have equally many."""
+"""Column -> its next values; columns of one length have equally many. Large whole numbers are integers."""
 
 _OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, struct.error)
 """Errors that a library raises where it does not expect what it reads, such as "list index out of range"."""
 
-_BRACKETS = re.compile(r"(?P<name>.*?)(?:\s+/)?\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
+_BRACKETS = re.compile(r"(?P<name>.*?)(?:\s*/)?\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))\s*")
 
 _WORDS = "it has words, no numbers"
 _NO_FACTOR = "its scale_factor is 0, which leaves nothing of it"
 _UNIT_KEYS = ("units", "unit", "unit_string", "unit_label", "ni_unitdescription", "einheit")
 """Attributes that state a unit, in small letters."""
-_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset")
+_PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned")
 
 
 class Column(NamedTuple):
@@ -77,6 +79,8 @@ class MeasurementFile:
     """Row by row what can be read of a text whose `blocks` raise."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Columns that are not read -> why."""
+    unread: tuple[str, ...] = ()
+    """Lines of a text that are not read, with the reason."""
     midnights: Callable[[str], int] = lambda _: 0
     """How often the times of day of a column without dates passed midnight in what was read last."""
 
@@ -117,6 +121,8 @@ def _refusals(path: Path) -> Iterator[None]:
     except OSError as fault:
         why = fault.strerror or f"is cut off or damaged: {_line(fault)}"
         raise UsageError(f"{path}: {why}") from None
+    except MemoryError:
+        raise UsageError(f"{path}: is too large for the memory; save parts of it as files of their own") from None
     except _OF_CODE:  # says something about the library and nothing about the file
         ending = path.suffix.lower()
         raise UsageError(f"{path}: is cut off, damaged or of another format; expected a {ending} file") from None
@@ -157,10 +163,15 @@ def _text(path: Path) -> MeasurementFile:
     units = [unit or stated for (_, unit), stated in zip(named, table.units, strict=True)]
     columns = [Column(*about) for about in zip(names, units, rates, starts, strict=True)]
     left_out = {name: why for name, why in zip(names, table.left_out, strict=True) if why}
+    unread = {}
     if table.form.unread:
-        left_out["above the rows"] = f"{counted(table.form.unread, 'line')} with a number first, but not as many cells"
+        unread["above the rows"] = f"{counted(table.form.unread, 'line')} with a number first, but not as many cells"
     if table.form.beside:
-        left_out["beside the rows"] = f"the first {counted(table.form.beside, 'row')} have remarks behind the values"
+        unread["beside the rows"] = f"remarks behind the values of the first {counted(table.form.beside, 'row')}"
+    if table.unnamed[0]:
+        row, cells = table.unnamed
+        unread[f"row {row}"] = f"it has {cells} cells, the rows have {table.form.width}: they get no names from it"
+    left_out |= unread
     return MeasurementFile(
         path,
         tuple(column for column in columns if column.name not in left_out),
@@ -169,6 +180,7 @@ def _text(path: Path) -> MeasurementFile:
         table.skip + 1,
         partial(table.rows, names),
         left_out,
+        tuple(f"{place}: {why}" for place, why in unread.items()),
         lambda name: table.midnights.get(names.index(name), 0),
     )
 
@@ -183,8 +195,15 @@ class _Arrays:
         self.left_out: dict[str, str] = {}
 
     def add(self, label: str, values: Any, unit: str = "", rate: float = 0.0, start: float = 0.0) -> None:
-        """Add an array: a vector is a column, of a matrix each column; what has no numbers is left out."""
+        """Add an array: a vector is a column, of a matrix each column, of a table each field.
+
+        What has no numbers is left out.
+        """
         array = np.asarray(values)
+        if array.dtype.names:
+            for name in array.dtype.names:
+                self.add(f"{label}.{name}", array[name], unit, rate, start)
+            return
         if array.dtype.kind == "M":
             ns = array.astype("datetime64[ns]").astype(np.int64)
             array = (ns - ns.flat[0]) * 1e-9 if ns.size else array
@@ -202,7 +221,20 @@ class _Arrays:
         if name in self.values:
             name = distinct((*self.values, name), "{} ({})")[-1]
         self.columns.append(Column(name, own or unit, rate, start, array.size))
-        self.values[name] = np.asarray(array, np.float64)
+        self.values[name] = _exact(array)
+
+    def add_sampled(self, label: str, values: Any, unit: str, step: float, begin: float, of_time: str) -> None:
+        """Add an array of samples every `step`, from `begin` on, both in the unit `of_time`.
+
+        A step that is not above 0 states no rate.
+        """
+        if not 0.0 < step < math.inf:
+            self.add(label, values, unit)
+        elif not is_time(of_time):
+            self.leave_out(label, f"its abscissa is in {of_time!r:.20}, which is no unit of time")
+        else:
+            second = meaning(of_time, "s").factor
+            self.add(label, values, unit, 1.0 / (step * second), begin * second)
 
     def leave_out(self, label: str, why: str) -> None:
         """Note a column that is not read."""
@@ -217,6 +249,13 @@ class _Arrays:
         return MeasurementFile(self.path, tuple(self.columns), blocks, began_ns, left_out=self.left_out)
 
 
+def _exact(array: NDArray[Any]) -> Reals:
+    """Doubles; whole numbers that a double does not hold, such as ns since 1970, stay as they are."""
+    if array.dtype.kind in "iu" and array.size and _WHOLE <= float(array.max()) < 2.0**63:
+        return np.asarray(array, np.int64)
+    return np.asarray(array, np.float64)
+
+
 def _no_column(array: NDArray[Any]) -> str:
     """Why an array is no column of numbers over time; "" if it is one."""
     if array.dtype.kind == "c":
@@ -225,9 +264,14 @@ def _no_column(array: NDArray[Any]) -> str:
         return _WORDS
     if array.dtype.kind not in "fiub":
         return "it is no array of numbers" if array.dtype.kind == "O" else f"it has the type {array.dtype}"
-    if array.size < 2:
-        return "it is a single value" if array.size else "it is empty"
-    dimensions = np.squeeze(array).ndim
+    return _no_shape(array.shape)
+
+
+def _no_shape(shape: tuple[int, ...]) -> str:
+    """Why an array of this shape is no column over time; "" if it is one."""
+    if math.prod(shape) < 2:
+        return "it is a single value" if math.prod(shape) else "it is empty"
+    dimensions = sum(size > 1 for size in shape)
     return f"it has {dimensions} dimensions; expected a vector or a matrix" if dimensions > 2 else ""
 
 
@@ -241,26 +285,30 @@ def _parquet(path: Path) -> MeasurementFile:
     if not length:
         raise UsageError(f"{path}: its table has no rows")
     columns = []
-    labels: dict[str, str] = {}
+    places: dict[str, int] = {}
     left_out: dict[str, str] = {}
     numbers = (types.is_floating, types.is_integer, types.is_decimal, types.is_boolean, types.is_temporal)
-    for about in fields:
+    for place, about in enumerate(fields):
         if not any(fits(about.type) for fits in numbers):
             left_out[about.name] = f"it has the type {about.type}"
             continue
         of_field = {key.decode(): value.decode(errors="replace") for key, value in (about.metadata or {}).items()}
         name, unit = name_and_unit(about.name)
-        name = distinct((*labels, name), "{} ({})")[-1] if name in labels else name
+        name = distinct((*places, name), "{} ({})")[-1] if name in places else name
         unit = unit or _stated_unit(of_field) or of_table.get(about.name, "")
         unit = "s" if types.is_temporal(about.type) else unit
         columns.append(Column(name, unit, length=length))
-        labels[name] = about.name
+        places[name] = place
 
     def blocks(names: Collection[str]) -> Iterator[Block]:
         begins: dict[str, int] = {}
+        read = {name: fields[places[name]].name for name in names}
+        before = {name: [about.name for about in fields[: places[name]]].count(read[name]) for name in names}
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            for batch in file.iter_batches(columns=[labels[name] for name in names]):
-                yield {name: _seconds(batch[labels[name]], begins, name) for name in names}
+            for batch in file.iter_batches(columns=list(dict.fromkeys(read.values()))):
+                alike = {name: batch.schema.get_all_field_indices(read[name]) for name in names}
+                columns = {name: batch.column(alike[name][before[name]]) for name in names}  # two may have one label
+                yield {name: _seconds(column, begins, name) for name, column in columns.items()}
 
     return MeasurementFile(path, tuple(columns), blocks, left_out=left_out)
 
@@ -289,7 +337,7 @@ def _seconds(column: Any, begins: dict[str, int], name: str) -> Reals:
     from pyarrow import compute, duration, int64, time64, timestamp, types
 
     if not types.is_temporal(column.type):
-        return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
+        return _exact(np.asarray(column.to_numpy(zero_copy_only=False)))
     kind = duration("ns") if types.is_duration(column.type) else timestamp("ns")
     kind = time64("ns") if types.is_time(column.type) else kind
     ns = column.cast(kind).cast(int64())
@@ -363,24 +411,35 @@ def _of_item(arrays: _Arrays, item: Any, label: str, within: tuple[Any, ...] = (
         arrays.leave_out(label, "its values lie in another file (external storage); import that one")
         return
     unit = _without_epoch(_stated_unit(item.attrs))
-    if "MATLAB_empty" in item.attrs:
+    if "MATLAB_empty" in item.attrs or item.shape is None:
         arrays.leave_out(label, "it is empty")
+    elif "MATLAB_object_decode" in item.attrs:
+        kind = _word(item.attrs.get("MATLAB_class", ""))
+        arrays.leave_out(label, f"it is an object of MATLAB ({kind}); save its columns as vectors")
     elif _word(item.attrs.get("MATLAB_class", "")) == "char":
         arrays.leave_out(label, _WORDS)
     elif item.dtype.names == ("real", "imag"):  # of MATLAB
         arrays.add(label, np.empty(1, complex))
+    elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+        _of_references(arrays, item, label)
+    elif why := _no_shape(item.shape) or _too_large(item):
+        arrays.leave_out(label, _WORDS if item.dtype.kind in "SO" and not item.shape else why)
     elif item.dtype.names:
         for number, name in enumerate(item.dtype.names):
             of_field = _word(item.attrs.get(f"FIELD_{number}_UNITS")) or unit
             arrays.add(f"{label}.{name}", item.fields(name)[()], of_field)
-    elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-        _of_references(arrays, item, label)
-    elif item.shape is None:
-        arrays.leave_out(label, "it is empty")
     elif _factor(item.attrs) == 0.0:
         arrays.leave_out(label, _NO_FACTOR)
     else:
         arrays.add(label, _unpacked(item[()], item.attrs), unit)
+
+
+def _too_large(item: Any) -> str:
+    """Why a data set of HDF5 is not read into the memory; "" if it is."""
+    size = max(item.dtype.itemsize, 8) * item.size
+    if size <= _LARGEST:
+        return ""
+    return f"its {item.size} values take {size / 2**30:.3g} GiB, more than {_LARGEST >> 30}; save a part of it"
 
 
 def _of_references(arrays: _Arrays, item: Any, label: str) -> None:
@@ -414,6 +473,8 @@ def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         return values
+    if array.dtype.kind == "i" and _word(about.get("_Unsigned")).lower() == "true":
+        array = array.view(array.dtype.str.replace("i", "u"))
     fills = [np.ravel(about[key])[0] for key in ("_FillValue", "missing_value") if key in about]
     factor = _factor(about)
     offset = float(np.ravel(about.get("add_offset", 0.0))[0])
@@ -447,7 +508,9 @@ def _netcdf(path: Path) -> MeasurementFile:
 def _wav(path: Path) -> MeasurementFile:
     from scipy.io import wavfile
 
-    rate, samples = wavfile.read(path)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Chunk .* not understood")  # remarks beside the samples
+        rate, samples = wavfile.read(path)
     arrays = _Arrays(path)
     if samples.dtype.kind in "iu":  # full scale is 1
         zero = 128 if samples.dtype == np.uint8 else 0
@@ -482,21 +545,27 @@ def _uff(path: Path) -> MeasurementFile:
             continue
         of_time = str(data.get("abscissa_axis_units_lab", "")).strip()
         of_time = "s" if of_time in ("", "NONE") else of_time
-        if step and not is_time(of_time):
-            arrays.leave_out(name, f"its abscissa is in {of_time!r:.20}, which is no unit of time")
-            continue
-        second = meaning(of_time, "s").factor if step else 1.0
-        step *= second
-        start = float(data.get("abscissa_min", 0.0)) * second
-        if not step:
+        if data["data"].size < int(data.get("num_pts", 0)):
+            raise UsageError(f"{path}: is cut off: {name} has {data['data'].size} values of {data['num_pts']}")
+        if int(data.get("abscissa_spacing", 1)) == 0:
             arrays.add(f"{name} time", data["x"], of_time)
-        arrays.add(name, data["data"], "" if unit == "NONE" else unit, 1.0 / step if step else 0.0, start)
+        arrays.add_sampled(
+            name,
+            data["data"],
+            "" if unit == "NONE" else unit,
+            step,
+            float(data.get("abscissa_min", 0.0)),
+            of_time,
+        )
     return arrays.file()
 
 
 def _tdms(path: Path) -> MeasurementFile:
     nptdms = needed("nptdms", "measurements")
     logging.getLogger("nptdms").setLevel(logging.CRITICAL)  # its warnings become the fault of the file
+    with path.open("rb") as beginning:
+        if beginning.read(4) != b"TDSm":
+            raise UsageError(f"{path}: is no TDMS file: it does not begin with TDSm")
     arrays = _Arrays(path)
     began = None
     with nptdms.TdmsFile.open(path) as file:
@@ -507,13 +576,15 @@ def _tdms(path: Path) -> MeasurementFile:
                 about = channel.properties
                 step = float(about.get("wf_increment", 0.0))
                 start = float(about.get("wf_start_offset", 0.0))
+                of_time = str(about.get("wf_xunit_string", "")).strip() or "s"
                 unit = _stated_unit(about)
                 stamp = about.get("wf_start_time")
                 if step and stamp is not None:
                     stamp_ns = int(np.datetime64(stamp, "ns").astype(np.int64))
                     began = stamp_ns if began is None else began
-                    start += (stamp_ns - began) * 1e-9  # channels may start one after the other
-                arrays.add(f"{group.name}.{channel.name}", channel[:], unit, 1.0 / step if step else 0.0, start)
+                    if is_time(of_time):  # channels may start one after the other
+                        start += (stamp_ns - began) * 1e-9 / meaning(of_time, "s").factor
+                arrays.add_sampled(f"{group.name}.{channel.name}", channel[:], unit, step, start, of_time)
     return arrays.file(began)
 
 
