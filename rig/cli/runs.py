@@ -195,7 +195,10 @@ def reached_at(
     seats = separated(named)
     refuse_all(
         (listen is None, f"--tickets {named}: needs --listen tls/HOST:PORT, where their holders reach the run"),
-        (not seats, f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator"),
+        (
+            listen is not None and not seats,
+            f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator",
+        ),
     )
     from rig.bus.tickets import Listener
 

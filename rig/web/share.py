@@ -41,7 +41,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.exceptions import InvalidState
 
 from rig.bus.certificates import Authority
-from rig.bus.tickets import check_place
+from rig.bus.place import check_place
 from rig.errors import UsageError
 from rig.extras import check
 from rig.web.app import PAGE, Bench, body_of, guarded, look, stream

@@ -17,6 +17,7 @@ from relay import Relay
 
 from rig import bus
 from rig.bus import certificates, contact, run_setup, tickets
+from rig.bus.place import parted
 from rig.bus.run_setup import Setup
 from rig.bus.tickets import Listener
 from rig.errors import BusError, UsageError
@@ -193,7 +194,7 @@ def test_a_wrong_password_is_told(hosted, tmp_path):
 
 def test_a_ticket_of_a_run_that_has_ended(hosted, tmp_path):
     old = _altered(hosted, tmp_path)
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     hosted.close()
     with pytest.raises(BusError, match=rf"nobody listens at 127.0.0.1:{port}: the run far has ended, or not begun"):
         _join(old)
@@ -227,7 +228,7 @@ def test_another_program_at_the_address(hosted, tmp_path):
 
 
 def test_a_name_that_the_certificate_lacks(hosted, tmp_path):
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     with pytest.raises(BusError, match=rf"the run at localhost:{port} does not name localhost: use the address that"):
         _join(_altered(hosted, tmp_path, endpoint=f"tls/localhost:{port}"))
 
@@ -382,7 +383,7 @@ def test_a_plant_that_has_said_farewell_is_not_gone(hosted):
 
 def test_a_seat_that_was_lost_is_not_taken_back(hosted, tmp_path):
     """The connection of the first holder breaks, the second one takes the seat, and the way is free again."""
-    relay = Relay(tickets.parted(hosted.listener.endpoint))
+    relay = Relay(parted(hosted.listener.endpoint))
     endpoint = f"tls/127.0.0.1:{relay.port}"
     watch = hosted.session.watch("controller/*")
     try:
@@ -419,7 +420,7 @@ def _takes(session):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such time")
 def test_a_connection_with_a_host_that_vanishes_ends_with_the_lease(hosted):
     """Each connection that the plant has by TLS, and the one that listens; nobody else's."""
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     times = {}
     with _join(hosted.ticket()) as session:
         run_setup.fetch(session)
@@ -508,9 +509,8 @@ def test_where_nobody_can_listen(endpoint, why):
 
 def test_a_name_that_means_another_address_to_the_others(monkeypatch):
     """Debian gives the name of a host an address of loopback."""
-    monkeypatch.setattr(
-        tickets.socket, "getaddrinfo", lambda *_, **__: [(socket.AF_INET, 1, 6, "", ("127.0.1.1", 7450))]
-    )
+    resolved = [(socket.AF_INET, 1, 6, "", ("127.0.1.1", 7450))]
+    monkeypatch.setattr("rig.bus.place.socket.getaddrinfo", lambda *_, **__: resolved)
     with pytest.raises(UsageError, match=r"the name plant means 127.0.1.1, which no other host reaches; give its addr"):
         Listener("tls/plant:7450", ("nf",)).check(["nf"])
 
