@@ -80,6 +80,16 @@ def compiled(tmp_path, monkeypatch):
     return called
 
 
+def test_two_workers_seldom_need_the_same_new_kernels_at_a_time(compiled, monkeypatch):
+    """Consecutive shapes have different methods, as long as there are two; the film comes last of the first ones."""
+    by_shape = {kernel_shapes.shape(rig.load(name)): rig.load(name) for name in ("belt", "pendulum", "plate", "belt_c")}
+    monkeypatch.setattr(kernel_shapes, "compile_all", lambda missing, *_: called.extend(missing))
+    called: list[kernel_shapes.Shape] = []
+    kernel_shapes.prepare(by_shape.values())
+    belt, pendulum, plate, belt_c = by_shape
+    assert called == [belt, belt_c, plate, pendulum]
+
+
 def test_every_shipped_scene_is_ready_after_a_warm_up(compiled, shipped, monkeypatch):
     monkeypatch.setattr("rig.qualify.torture.cells.needed", lambda: [])  # of the torture test
     monkeypatch.setattr(rig.scenes, "load", dict(zip(rig.scenes.names(), shipped)).get)

@@ -10,7 +10,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import product
@@ -26,11 +28,14 @@ from rig.compiled import kernel
 from rig.compiled.kernel_store import INSTEAD
 from rig.errors import NumericsError
 from rig.machine.files import own_bytes, own_file
+from rig.machine.process import Child
+from rig.machine.scheduling import keep_to_one_core
 from rig.model.assembly import Assembly
 from rig.model.method import TIGHT, chosen
 from rig.model.system import System
 from rig.model.tables import UNROLLED
 from rig.printable import counted
+from rig.scenes import load
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
@@ -113,10 +118,24 @@ def prepare(
     for scene in analysed:
         wanted.setdefault(analysed_shape(scene), []).append(scene)
     done = ready()
-    missing = {kind: scenes[0] for kind, scenes in wanted.items() if kind not in done}
+    missing = {kind: wanted[kind][0] for kind in _one_of_each(wanted) if kind not in done}
     many = f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes"
     say(f"{many}, {len(missing)} to prepare; there can be {len(VARIANTS)}")
     return compile_all(missing, min(workers, len(missing)), say)
+
+
+def _one_of_each(kinds: Iterable[Shape]) -> list[Shape]:
+    """One shape of each method, then a second one, and so on: two workers seldom need the same new kernels at a time.
+
+    A film comes last among the first ones: `warmup` begins with it.
+    """
+    earlier = Counter[Shape]()
+    turns = []
+    for kind in kinds:
+        method = kind._replace(states=0, products=False)
+        turns.append((earlier[method], kind.kicks, kind))
+        earlier[method] += 1
+    return [kind for *_, kind in sorted(turns, key=lambda turn: turn[:2])]
 
 
 def compile_all(missing: Mapping[Shape, Scene], workers: int, say: Callable[[str], object]) -> dict[Shape, float]:
@@ -195,6 +214,11 @@ def run_briefly(scene: Scene) -> None:
     runner.statistics()
 
 
+def begun(name: str) -> Child:
+    """Begin to compile the kernels of scene `name`, in another process on one core."""
+    return Child("first compiler", ["rig.analysis.pool.kernel_shapes", name])
+
+
 def ready() -> set[Shape]:
     """Return the shapes that have been compiled for these sources and this processor."""
     try:
@@ -217,3 +241,13 @@ def note(kind: Shape) -> None:
         draft.write_text(json.dumps(noted))
         own_file(draft)
         draft.replace(place)
+
+
+def main() -> None:
+    """Compile the kernels of a scene: `python -m rig.analysis.pool.kernel_shapes SCENE`."""
+    keep_to_one_core()
+    run_briefly(load(sys.argv[1]))
+
+
+if __name__ == "__main__":
+    main()
