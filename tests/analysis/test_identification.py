@@ -322,6 +322,29 @@ def test_missing_samples_are_bridged_and_gaps_leave_cycles_out(twin):
         CycleRun.of(gaps, model)
 
 
+@pytest.mark.parametrize("noise", ["", "0.01 N/Hz^0.5"])
+@pytest.mark.parametrize("kind", ["hold", "zero"])
+def test_drop_outs_of_a_laser_are_bridged_and_leave_the_noise_of_the_instrument(kind, noise):
+    """The true parameters leave the white noise of the vibrometer; 30 drop-outs a second were 100 times as large."""
+    values = {"limits": "none", "sensors.vibrometer.dropout": kind} | ({"noise.force": noise} if noise else {})
+    run = rig.simulate(rig.load("belt", values), 6.0)
+    entry = {"run": run, "skip": "1 s", "columns": {"vibrometer": {"reads": "velocity", "sensor": "vibrometer"}}}
+    [measured] = prepared(rig.load("belt"), [entry], FREE).runs
+    model = cycle_response(rig.load("belt"), measured)
+    evidence = CycleRun.of(measured, model)
+    left = evidence.left(model, np.zeros(1))
+    assert evidence.spikes[0] > 5
+    assert [*evidence.words()] == [
+        f"run 1: {evidence.spikes[0]} samples of vibrometer stand out alone: bridged by a line"
+    ]
+    assert evidence.misfit(left) > 0.01
+    if not noise:
+        assert float(np.sqrt((left**2).mean())) == pytest.approx(1.0, abs=0.1)
+    truth = {"laser": {"reads": "displacement"}}
+    [smooth] = prepared(rig.load("belt"), [entry | {"columns": truth}], FREE).runs
+    assert CycleRun.of(smooth, cycle_response(rig.load("belt"), smooth)).spikes == (0,)
+
+
 def test_a_slow_sampling_is_refused(twin):
     run = rig.simulate(rig.load("belt", {"sensors.laser.rate": "50 Hz", "limits": "none"}), 6.0)
     with pytest.raises(UsageError, match=r"samples in a motion of .* at least 20 are needed: sample at"):

@@ -51,6 +51,7 @@ _OUTLIER = 5.0  # times the median of the rms of the cycles
 _ROUNDS = 6  # of a fit of measures, from which cycles are fitted or draws are made
 _NOISY = 2  # fits with what noise adds at the end of the one before
 _MOVED = 0.5  # standard deviations by which such a fit moves and needs another
+_USUAL = 16  # rounds of all fits of a law
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
 
@@ -65,6 +66,15 @@ def identify(
         fits.append(_law(task, law, folder, workers, lambda count, done=done: progress(done + count)))  # type: ignore[misc]
         done += fits[-1].evaluations
     return Identified.of(task, fits)
+
+
+def usual(task: Task) -> int:
+    """How many evaluations the fits of a task usually take; a law that does not fit takes more."""
+    runs = sum(run.fitted for run in task.runs)
+    rounds = 0
+    for law in task.laws:
+        rounds += task.starts + _USUAL * (2 * len(law.free) + 2) + len(candidates(law, task.runs))
+    return runs * rounds
 
 
 def _law(task: Task, law: Law, folder: Path | None, workers: int | None, progress: Progress) -> LawFit:
@@ -92,6 +102,7 @@ class _Attempt:
             CycleRun.of(run, response) if run.kind == "cycles" else FeatureRun.of(run, self.law.scene)
             for run, response in zip(measured, first)
         ]
+        notes += [line for each in evidence if isinstance(each, CycleRun) for line in each.words()]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
             evidence = [_with_offsets(each) if isinstance(each, CycleRun) else each for each in evidence]
