@@ -50,6 +50,7 @@ _MODEL = 1e-5  # of the range of a column: error of a response, most of it betwe
 _SPIKE = 3.0  # times what bends as often as not there: more is a spike. chosen
 _SPIKE_NOISE = 6.0  # times the noise that it exceeds beside
 _ASIDE = 3  # samples about a phase, besides the scatter of the cycles
+_DRIFTS = 0.02  # of the drop: a smaller change counts as none
 _PASSES = 3  # a sample between two spikes shows when these are bridged
 BINS = 5
 """Phases of a cycle in which the mean residual is tested."""
@@ -160,8 +161,29 @@ class CycleRun:
             floors=floors,
         )
 
+    @cached_property
+    def drift(self) -> float:
+        """Change of the logarithm of the drop from the first third of the cycles to the last; 0 if it may be scatter.
+
+        A limit cycle has none: a vibration that still grows, or a rig that changes, is fitted by no law.
+        """
+        drops = self.measures[:, 3]
+        third = len(drops) // 3
+        first = drops[:third]
+        last = drops[-third:]
+        change = float(np.median(last) - np.median(first))
+        error = 1.25 * math.hypot(_spread(first), _spread(last)) / math.sqrt(third)  # of two medians
+        return change if abs(change) > max(_DRIFTS, _FAR * error) else 0.0
+
     def words(self) -> Iterator[str]:
-        """What was replaced, a line for each column."""
+        """What was replaced, a line for each column, and whether the cycles change."""
+        if self.drift:
+            way = "grows" if self.drift > 0.0 else "decays"
+            yield (
+                f"{self.run.name}: the vibration {way}: the drop changes by {100.0 * math.expm1(self.drift):+.2g} % "
+                "from the first third of the cycles to the last. Those of a law do not: leave out what comes before it "
+                'has settled, skip = "..."'
+            )
         for column, count in zip(self.run.columns, self.spikes):
             if count:
                 yield f"{self.run.name}: {counted(count, 'sample')} of {column.name} stand out alone: bridged by a line"

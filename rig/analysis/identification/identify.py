@@ -172,7 +172,8 @@ class _Attempt:
         """A rough fit cycle by cycle; after a misfit the best of others, too, from starts that lie farther away."""
         rounds = _FEW if rough else ROUNDS
         fit, solution = self._cycles(z, evidence, offsets, fitted, rough, rounds)
-        if _p(evidence, solution, True) >= MISFIT:
+        drifts = any(isinstance(each, CycleRun) and each.drift for each in evidence)
+        if drifts or _p(evidence, solution, True) >= MISFIT:  # no start helps against cycles that change
             return fit, solution
         starts, _ = self._starts(fitted, [], _WIDELY)  # a wrong law, or a valley far from the answer
         for other_z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
@@ -409,7 +410,8 @@ def _with_offsets(each: CycleRun) -> CycleRun:
 
 def _sizes(each: Any) -> list[float]:
     """The unit of the offset of each column: a hundredth of the range of its mean cycle."""
-    return [0.01 * float(np.ptp(samples.mean(axis=0))) for samples in each.samples]
+    means = [samples.mean(axis=0) for samples in each.samples]
+    return [0.01 * float(np.ptp(mean[np.isfinite(mean)])) for mean in means]
 
 
 def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offsets: Offsets) -> Reals:
@@ -419,7 +421,7 @@ def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offse
         for column, place in enumerate(offsets.place[i]):
             if place >= 0:
                 fitted, _ = each.fitted(column, response, 0.0)
-                sums[0, place] += float((each.samples[column] - fitted).mean())
+                sums[0, place] += float(np.nanmean(each.samples[column] - fitted))
                 sums[1, place] += 1.0
     return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
 
