@@ -35,7 +35,15 @@ from rig.solve.control_loop import controller_tables
 from rig.solve.forces import STATE, no_random_numbers
 from rig.solve.frames import Surroundings
 from rig.solve.records import CLOSED
-from rig.stability.linearisation import inputs, linearised, moving_states, own_law, settled, sliding_key
+from rig.stability.linearisation import (
+    explicit_inputs,
+    inputs,
+    linearised,
+    moving_states,
+    own_law,
+    settled,
+    sliding_key,
+)
 
 Array = NDArray[np.float64]
 TIGHT = 1e-11
@@ -358,7 +366,8 @@ class FreeRig:
         load_t = modes.load_t
         of_states = [product for product in system.products if _of_states(product)]
         if len(of_states) < len(system.products) or system.remembers or load_t.any():
-            return lambda x: np.asarray(modes.A @ x + modes.b @ inputs(system, modes, x, contact)[0])
+            explicit = explicit_inputs(system, modes, contact) or (lambda x: inputs(system, modes, x, contact)[0])
+            return lambda x: np.asarray(modes.A @ x + modes.b @ explicit(x))
         slipping = np.flatnonzero(modes.nonlinear).tolist()
         products = list[list[int]]()
         for product in of_states:

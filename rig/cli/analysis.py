@@ -14,7 +14,6 @@ from rig.cli.options import Net, refuse_all
 from rig.cli.printing import new, refuse
 from rig.errors import ExitCode, SceneError, UsageError
 from rig.parameters import Option
-from rig.printable import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,6 +140,7 @@ def identify(
         evaluated = experiment(scene)
         return Answer(evaluated, evaluated.complete, title=title)
     from rig.analysis.identification.identify import identify as fit
+    from rig.analysis.identification.identify import usual
     from rig.analysis.identification.next_experiment import asked, propose, settings_of
     from rig.analysis.identification.runs import prepared
     from rig.analysis.identification.written import write
@@ -152,7 +152,8 @@ def identify(
     refused: list[UsageError] = []
     try:
         with printing.status() as show:
-            fitted = fit(task, folder, workers, lambda done: show(f"{counted(done, 'cycle')} computed"))
+            progress_words = printing.about("cycles", usual(task))
+            fitted = fit(task, folder, workers, lambda done: show(progress_words(done)))
         if settings is not None:
             try:
                 with printing.bar("settings") as progress:

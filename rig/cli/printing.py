@@ -271,6 +271,23 @@ def _lines(what: str) -> Callable[[int, int], object]:
     return show
 
 
+def about(what: str, usual: int) -> Callable[[int], str]:
+    """Progress of work whose size is known roughly, in words: how much of `usual` is done and what time is left."""
+    begun = time.monotonic()
+    first = -1
+
+    def told(done: int) -> str:
+        nonlocal first
+        first = done if first < 0 else first  # parts that were kept from before took no time
+        if done >= usual:
+            return f"{done} {what} computed; usual are {usual}"
+        seconds = (time.monotonic() - begun) / max(done - first, 1)
+        left = f", about {_span(seconds * (usual - done))} left" if done > first else ""
+        return f"{done} of about {usual} {what} computed{left}"
+
+    return told
+
+
 def _span(seconds: float) -> str:
     """A remaining time in words."""
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):

@@ -12,6 +12,7 @@ exosystem) have a spectrum of their own. Products are differentiated by the prod
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 
 from rig.errors import PartError, Singular, UsageError
 from rig.model.formulation import ModeSet, signal_rows
-from rig.model.products import tangent
+from rig.model.products import Factor, tangent
 from rig.model.singular import JAMS, assembled
 from rig.model.system import System
+from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
@@ -240,6 +242,63 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
         dT[rates] += np.outer(over_load[1:], load[p] + load_t[p] @ dT)
     multiply(2)
     return T, dT
+
+
+def explicit_inputs(system: System, modes: ModeSet, contact: Contact) -> Callable[[Array], Array] | None:
+    """The inputs T as a function of x, the values of `inputs` without their derivatives, which cost most of it.
+
+    None where friction acts on its own normal force, and for laws with memory: `inputs` solves these.
+    """
+    P = len(system.patches)
+    if system.remembers or modes.load_t[:, :P].any():
+        return None
+    closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool)
+    slipping = np.flatnonzero(modes.nonlinear).tolist()
+    angles: dict[tuple[int, bytes], Array] = {}  # rows, which many products share
+    for product in system.products:
+        angles |= {(f.kind, f.row.tobytes()): f.row for f in product.factors if f.row is not None}
+    normal_from = system.n + len(angles)
+    friction_from = normal_from + len(modes.normal)
+
+    def place(factor: Factor) -> int:
+        """Of a factor among the states, the angles, the normal forces and the friction forces."""
+        if factor.row is not None:
+            return system.n + [*angles].index((factor.kind, factor.row.tobytes()))
+        return factor.index + {STATE: 0, NORMAL: normal_from, FRICTION: friction_from}[factor.kind]
+
+    of_level: list[list[tuple[int, list[int]]]] = [[], [], []]
+    for j, product in enumerate(system.products, P):
+        of_level[product.level].append((j, [place(factor) for factor in product.factors]))
+
+    def multiply(level: int, x: Array, values: list[float], T: Array) -> None:
+        if level and of_level[level]:
+            values[normal_from:friction_from] = (closed * (modes.normal @ x + modes.normal_t @ T)).tolist()
+        if level == 2 and of_level[level]:
+            values[friction_from:] = (modes.friction @ x + modes.friction_t @ T).tolist()
+        for j, places in of_level[level]:
+            T[j] = math.prod([values[i] for i in places])
+
+    def explicit(x: Array) -> Array:
+        T = np.zeros(system.inputs)
+        values = x.tolist()
+        values += [_of_angle(kind, float(row @ x)) for (kind, _), row in angles.items()]
+        multiply(0, x, values, T)
+        multiply(1, x, values, T)
+        N = modes.load @ x + modes.load_t @ T
+        w = system.slip_rows @ x
+        for p in slipping:
+            T[p] = contact(p, float(w[p]), float(N[p]))[0]
+        multiply(2, x, values, T)
+        return T
+
+    return explicit
+
+
+def _of_angle(kind: int, angle: float) -> float:
+    """The value of a factor with an angle [rad], or with a press."""
+    if kind == PRESS:
+        return max(angle, 0.0)
+    return math.sin(angle) if kind == SINE else -2.0 * math.sin(0.5 * angle) ** 2
 
 
 def _remembered(system: System, modes: ModeSet, p: int, x: Array, N: float) -> tuple[Array, tuple[Array, Array, Array]]:

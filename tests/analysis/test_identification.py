@@ -322,6 +322,42 @@ def test_missing_samples_are_bridged_and_gaps_leave_cycles_out(twin):
         CycleRun.of(gaps, model)
 
 
+@pytest.mark.parametrize("noise", ["", "0.01 N/Hz^0.5"])
+@pytest.mark.parametrize("kind", ["hold", "zero"])
+def test_drop_outs_of_a_laser_are_bridged_and_leave_the_noise_of_the_instrument(kind, noise):
+    """The true parameters leave the white noise of the vibrometer; 30 drop-outs a second were 100 times as large."""
+    values = {"limits": "none", "sensors.vibrometer.dropout": kind} | ({"noise.force": noise} if noise else {})
+    run = rig.simulate(rig.load("belt", values), 6.0)
+    entry = {"run": run, "skip": "1 s", "columns": {"vibrometer": {"reads": "velocity", "sensor": "vibrometer"}}}
+    [measured] = prepared(rig.load("belt"), [entry], FREE).runs
+    model = cycle_response(rig.load("belt"), measured)
+    evidence = CycleRun.of(measured, model)
+    left = evidence.left(model, np.zeros(1))
+    assert evidence.spikes[0] > 5
+    assert [*evidence.words()] == [
+        f"run 1: {evidence.spikes[0]} samples of vibrometer stand out alone: bridged by a line"
+    ]
+    assert evidence.misfit(left) > 0.01
+    if not noise:
+        assert float(np.sqrt((left**2).mean())) == pytest.approx(1.0, abs=0.1)
+    truth = {"laser": {"reads": "displacement"}}
+    [smooth] = prepared(rig.load("belt"), [entry | {"columns": truth}], FREE).runs
+    assert CycleRun.of(smooth, cycle_response(rig.load("belt"), smooth)).spikes == (0,)
+
+
+def test_a_vibration_that_still_grows_is_told(twin):
+    """A record of a limit cycle, and the same with an amplitude that grows by 10 %."""
+    run, laser = twin[1][0]["run"], twin[1][0]["run"].measurements["laser"]
+    growing = laser._replace(v=laser.v * (1.0 - 0.1 * np.exp(-1e-9 * laser.t_ns / 2.0)))
+    grown = replace(run, measurements=run.measurements | {"laser": growing})
+    [steady], [measured] = (prepared(rig.load("belt"), [twin[1][0] | {"run": of}], FREE).runs for of in (run, grown))
+    model = cycle_response(rig.load("belt", measured.settings), measured)
+    assert CycleRun.of(steady, model).drift == 0.0
+    evidence = CycleRun.of(measured, model)
+    assert 0.02 < evidence.drift < 0.1
+    assert "the vibration grows: the drop changes by +" in "".join(evidence.words())
+
+
 def test_a_slow_sampling_is_refused(twin):
     run = rig.simulate(rig.load("belt", {"sensors.laser.rate": "50 Hz", "limits": "none"}), 6.0)
     with pytest.raises(UsageError, match=r"samples in a motion of .* at least 20 are needed: sample at"):
@@ -413,6 +449,22 @@ def test_a_transient_is_fitted_as_a_whole_with_the_delay_of_its_instrument():
     assert values["cylinder.inertia"] == pytest.approx(0.035, rel=1e-3)
     assert values["cylinder.damping"] == pytest.approx(0.12, rel=0.02)
     assert found.best.runs[0].rms < 2.0
+
+
+def test_a_transient_through_a_laser_with_drop_outs_and_missing_samples_is_fitted():
+    scene = rig.load("belt", {"body.damping": 2.4, "friction.mu_dynamic": 0.2, "limits": "none"})
+    run = rig.simulate(scene, 2.0)
+    vibrometer = run.measurements["vibrometer"]
+    v = vibrometer.v.copy()
+    v[1200:1203] = np.nan
+    run.measurements["vibrometer"] = vibrometer._replace(v=v)
+    columns = {"vibrometer": {"reads": "velocity", "offset": "free"}}
+    free = {"body.damping": (0.5, 10.0), "friction.mu_dynamic": (0.05, 0.4)}
+    found = rig.identify("belt", [{"run": run, "kind": "transient", "columns": columns}], free, starts=0, workers=1)
+    assert found.best.fits
+    assert found.best.runs[0].rms < 2.0
+    assert found.parameters[0].value == pytest.approx(2.4, rel=0.02)
+    assert found.parameters[1].value == pytest.approx(0.2, rel=0.01)
 
 
 class Shaker:

@@ -10,6 +10,7 @@ import rig
 from rig.analysis.identification.lever import experiment
 from rig.analysis.recorded import amplitude
 from rig.analysis.recorded.stick_speeds import stages
+from rig.cli import printing
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.solve.records import CLOSED, SLIP_PLUS, STICK
@@ -55,6 +56,16 @@ def test_a_next_experiment_that_cannot_be_proposed_leaves_the_report(rig, tmp_pa
     assert code == 2
     assert "cylinder.damping" in out
     assert "this is done for runs of cycles only" in err
+
+
+def test_progress_says_how_many_cycles_are_usual_and_what_time_is_left(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(printing.time, "monotonic", lambda: now)
+    words = printing.about("cycles", 100)
+    assert words(20) == "20 of about 100 cycles computed"  # kept from before
+    now = 110.0
+    assert words(30) == "30 of about 100 cycles computed, about 70 s left"
+    assert words(120) == "120 cycles computed; usual are 100"
 
 
 @pytest.mark.parametrize(

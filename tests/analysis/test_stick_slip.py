@@ -9,7 +9,8 @@ import pytest
 from scipy.io import loadmat
 
 import rig as lab
-from rig.analysis.recorded.stick_slip import stick_slip, trend
+from rig.analysis.recorded.stick_slip import stick_slip
+from rig.analysis.recorded.trend import trend
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 
@@ -213,6 +214,48 @@ def test_slips_that_are_noise_are_told():
     found = stick_slip(run, "v", threshold=float(told[1]))
     assert len(found.slips) == 40
     assert "noise" not in found.text()
+
+
+def waves(slip, stick, noise, seed=3):
+    """Speed [m/s] and force [N] of 200 slips of a contact that last `slip` and rest `stick` samples of 1 ms."""
+    phase = np.arange(int(200 * (slip + stick))) % (slip + stick) - stick
+    peak = 0.05 * 0.5 * math.pi * (slip + stick) / slip
+    v = np.where(phase >= 0.0, peak * np.sin(math.pi * phase / slip), 0.0)
+    force = np.where(phase >= 0.0, 6.0, 10.0 + 0.125 * phase)
+    rng = np.random.default_rng(seed)
+    return v + noise * rng.standard_normal(v.size), force
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-4])
+@pytest.mark.parametrize("threshold", [1e-4, 3e-3])
+@pytest.mark.parametrize(
+    ("slip", "stick"), [(1.37, 0.3), (1.37, 20.0), (5.37, 0.7), (20.37, 1.5), (50.37, 0.3), (50.37, 40.0)]
+)
+def test_sticks_that_are_shorter_than_the_samples_are_told_and_give_no_law(slip, stick, threshold, noise):
+    v, force = waves(slip, stick, noise)
+    run = measured(1000.0, v=(v, "m/s"), force=(force, "N"))
+    found = stick_slip(run, "v", "force", load=20.0, threshold=threshold)
+    if not found.doubts:
+        assert len(found.slips) == pytest.approx(199, abs=3)
+        assert found.median("breakaway")[0] * 20.0 == pytest.approx(10.0, abs=0.13)
+    else:
+        assert stick < 3.0 or 50.0 * noise > threshold
+        assert found.doubts[0] in found.text()
+        with pytest.raises(UsageError, match="no law is written: "):
+            found.law()
+
+
+def test_a_vibration_about_rest_is_told():
+    """Slips of 50 mm/s every second, or none, and a contact that trembles by 3 mm/s at 40 Hz."""
+    t = np.arange(20_000) / 1000.0
+    slip = np.where(t % 1.0 < 0.1, 0.05 * np.sin(math.pi * (t % 1.0) / 0.1), 0.0)
+    tremble = 0.003 * np.sin(80.0 * math.pi * t)
+    for v in (slip + tremble, 1e-5 + tremble):
+        found = stick_slip(measured(1000.0, v=(v, "m/s")), "v", threshold=2e-4)
+        assert any("a vibration or noise about rest" in doubt for doubt in found.doubts)
+        assert f"{found.against} times" in found.text()
+    assert len(stick_slip(measured(1000.0, v=(slip + tremble, "m/s")), "v", threshold=1e-3).slips) == 20
+    assert not stick_slip(measured(1000.0, v=(slip + tremble, "m/s")), "v", threshold=1e-3).doubts
 
 
 def test_a_constant_speed_is_not_taken_for_a_held_one():

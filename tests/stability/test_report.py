@@ -15,7 +15,7 @@ import rig
 from rig.bench.run.before import findings
 from rig.model import friction_law
 from rig.model.assembly import Assembly
-from rig.stability.linearisation import sliding_key, steady
+from rig.stability.linearisation import explicit_inputs, inputs, own_law, sliding_key, steady
 from rig.stability.memory_steps import fastest_memory, fastest_slips
 from rig.stability.report import RK4_LIMIT, mode_sets, stability_report
 
@@ -273,6 +273,18 @@ def test_the_rate_of_bristles_is_the_closed_form():
     system = rig.load("belt_lugre", {"friction.sigma1": 0.0}).assemble().system()
     rate, speed = fastest_memory(system, mode_sets(system))
     assert rate == pytest.approx(1e5 * speed / (0.18 + 0.32 * np.exp(-speed / 0.05)), rel=1e-3)
+
+
+@pytest.mark.parametrize("scene", ["disc_slider", "lever", "tip"])
+def test_the_inputs_without_derivatives_are_those_with_them(scene):
+    """Products of states, angles, presses, normal forces and friction, at random states."""
+    system = rig.load(scene).assemble().system()
+    at = steady(system, sliding_key(system))
+    contact = own_law(system, at.modes)
+    explicit = explicit_inputs(system, at.modes, contact)
+    for shift in 1e-3 * np.random.default_rng(1).standard_normal((20, system.n)):
+        T, _ = inputs(system, at.modes, at.x + shift, contact)
+        assert np.allclose(explicit(at.x + shift), T, rtol=1e-14, atol=0.0)
 
 
 def test_the_fastest_slip_of_a_released_mass_is_the_closed_form():

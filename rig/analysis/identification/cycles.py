@@ -12,8 +12,8 @@ forgets the past and cycles are nearly independent.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -46,6 +46,12 @@ _FAR = 6.0  # times the usual deviation
 _CUT = 2  # cycles of which the ends of a run may cut off a part
 _ROUNDS = 4  # of the fit of the shifts
 _JUMP = 0.1  # of the range of a column, between two points of a period
+_MODEL = 1e-5  # of the range of a column: error of a response, most of it between its points
+_SPIKE = 3.0  # times what bends as often as not there: more is a spike. chosen
+_SPIKE_NOISE = 6.0  # times the noise that it exceeds beside
+_ASIDE = 3  # samples about a phase, besides the scatter of the cycles
+_DRIFTS = 0.02  # of the drop: a smaller change counts as none
+_PASSES = 3  # a sample between two spikes shows when these are bridged
 BINS = 5
 """Phases of a cycle in which the mean residual is tested."""
 
@@ -70,6 +76,10 @@ class CycleRun:
     """What the right law leaves of the mean cycle, over the noise of the columns: process noise moves it."""
     share: float = 0.0
     """Variance of the error of `expected` over that of the mean cycle."""
+    spikes: tuple[int, ...] = ()
+    """Of each column: samples that stood alone, as drop-outs of a laser, and are bridged."""
+    floors: Reals = field(default_factory=lambda: np.zeros(1))
+    """Of each column: the error of a model; what it misses by as little is no misfit."""
 
     @classmethod
     def of(cls, run: Measured, model: Response) -> CycleRun:
@@ -132,18 +142,51 @@ class CycleRun:
                 f"{run.name}: {used} of {count} cycles in {run.seconds:.4g} s of {column.name} can be used; "
                 f"at least {LEAST} are needed: record longer, or check its speed, load and scale, or leave the run out"
             )
-        sigmas = np.array([noise_of(each.v) for each in run.columns])
+        floors = np.array([_MODEL * float(np.ptp(s[fine].mean(axis=0))) for s in samples])
+        sigmas = np.maximum([noise_of(each.v) for each in run.columns], floors)
+        measures = detected.measures[whole][fine]
+        scatter = _spread(measures[:, 0])
+        despiked = [_despiked(s[fine], float(sigma), scatter) for s, sigma in zip(samples, sigmas)]
         return cls(
             run,
             slope,
             n,
             sigmas,
             begins[whole][fine],
-            detected.measures[whole][fine],
+            measures,
             count - int(fine.sum()),
-            tuple(s[fine] for s in samples),
+            tuple(s for s, _ in despiked),
             tuple(t[fine] for t in times),
+            spikes=tuple(spikes for _, spikes in despiked),
+            floors=floors,
         )
+
+    @cached_property
+    def drift(self) -> float:
+        """Change of the logarithm of the drop from the first third of the cycles to the last; 0 if it may be scatter.
+
+        A limit cycle has none: a vibration that still grows, or a rig that changes, is fitted by no law.
+        """
+        drops = self.measures[:, 3]
+        third = len(drops) // 3
+        first = drops[:third]
+        last = drops[-third:]
+        change = float(np.median(last) - np.median(first))
+        error = 1.25 * math.hypot(_spread(first), _spread(last)) / math.sqrt(third)  # of two medians
+        return change if abs(change) > max(_DRIFTS, _FAR * error) else 0.0
+
+    def words(self) -> Iterator[str]:
+        """What was replaced, a line for each column, and whether the cycles change."""
+        if self.drift:
+            way = "grows" if self.drift > 0.0 else "decays"
+            yield (
+                f"{self.run.name}: the vibration {way}: the drop changes by {100.0 * math.expm1(self.drift):+.2g} % "
+                "from the first third of the cycles to the last. Those of a law do not: leave out what comes before it "
+                'has settled, skip = "..."'
+            )
+        for column, count in zip(self.run.columns, self.spikes):
+            if count:
+                yield f"{self.run.name}: {counted(count, 'sample')} of {column.name} stand out alone: bridged by a line"
 
     @property
     def period(self) -> float:
@@ -153,8 +196,7 @@ class CycleRun:
     @cached_property
     def scatter(self) -> float:
         """Standard deviation of the logarithm of the period, of a robust fit."""
-        logs = self.measures[:, 0]
-        return 1.4826 * float(np.median(np.abs(logs - np.median(logs))))
+        return _spread(self.measures[:, 0])
 
     @cached_property
     def medians(self) -> Reals:
@@ -226,18 +268,21 @@ class CycleRun:
             part = left[:, begin : begin + samples.shape[1]]
             begin += samples.shape[1]
             means += [piece.mean(axis=1) for piece in np.array_split(part, BINS, axis=1)]
-        return hotelling(np.array(means).T, self.share)
+        return hotelling(np.array(means).T, self.share, np.repeat(self.floors / self.sigma, BINS))
 
 
-def hotelling(rows: Reals, share: float = 0.0) -> float:
-    """The probability of a mean of `rows` [cluster, value] farther from zero. `share`: see `CycleRun.share`."""
+def hotelling(rows: Reals, share: float = 0.0, known: Reals | float = 0.0) -> float:
+    """The probability of a mean of `rows` [cluster, value] farther from zero.
+
+    `share`: see `CycleRun.share`. `known`: standard deviation of each value of the mean beside that by the scatter.
+    """
     from scipy import stats
 
     n, p = rows.shape
     if n <= p + 2:
         return math.nan
     mean = rows.mean(axis=0)
-    S = np.cov(rows.T)
+    S = np.cov(rows.T) + n * np.diag(np.broadcast_to(known, p) ** 2)
     weights = np.linalg.pinv(S, rcond=1e-12, hermitian=True)
     T2 = n * float(mean @ weights @ mean) / (1.0 + share)
     return float(stats.f.sf((n - p) / (p * (n - 1)) * T2, p, n - p))
@@ -300,6 +345,36 @@ def _usable(measures: Reals) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     far = np.abs(measures - middle) > np.maximum(_FAR * usual, 0.02)
     kept &= ~far[:, [0, 1, 2, 3]].any(axis=1)
     return kept
+
+
+def _spread(values: Reals) -> float:
+    """Standard deviation of values, of a robust fit."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _despiked(samples: Reals, sigma: float, scatter: float) -> tuple[Reals, int]:
+    """Samples [cycle, sample] with spikes bridged by lines, and the number of spikes.
+
+    A spike, as a drop-out of a laser, is far from the line between its neighbours: farther than by the noise `sigma`
+    and than what half of the cycles are near this phase (they scatter by the share `scatter`), which is the motion.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    aside = _ASIDE + math.ceil(3.0 * min(scatter, REPEATS) * samples.shape[1])
+    spiky = np.zeros(samples.shape, bool)
+    smooth = samples
+    for _ in range(_PASSES):
+        bends = np.zeros(samples.shape)
+        bends[:, 1:-1] = np.abs(smooth[:, 1:-1] - 0.5 * (smooth[:, :-2] + smooth[:, 2:]))
+        usual = np.median(maximum_filter1d(bends, 2 * aside + 1, axis=1), axis=0)
+        tall = bends > _SPIKE * usual + _SPIKE_NOISE * sigma
+        found = tall & (bends == maximum_filter1d(bends, 3, axis=1)) & ~spiky
+        if not found.any():
+            break
+        spiky |= found
+        smooth = np.array([bridge(row)[0] for row in np.where(spiky, math.nan, samples)])
+    lost = ~np.isfinite(smooth)  # more in a row than a line bridges: no spikes
+    return np.where(lost, samples, smooth), int((spiky & ~lost).sum())
 
 
 def _gaps(lost: Any) -> tuple[Any, Any]:

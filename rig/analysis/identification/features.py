@@ -42,6 +42,7 @@ WINDOWS = (0.07, 0.15, 0.3, 0.6, 1.0)
 """Shares of a transient that are fitted one after the other."""
 _FIFTHS = 5  # parts of the late half of a hold, whose means scatter by its error
 _ROUNDS = 4  # of the fit of a delay
+_HELD = 6.0  # times the noise: bend at a sample that the instrument held
 _ROUGH = 2.0  # times the noise: largest rms of a transient that fits
 _SETTLED = 0.5  # share of a hold after which its mean is taken
 _SKIP = 3  # samples that are left out of a vibration: the instrument does not yet read it alone
@@ -69,7 +70,7 @@ class FeatureRun:
     def of(cls, run: Measured, scene: Scene) -> FeatureRun:
         """Read the features of a run. Raises UsageError."""
         if run.kind == TRANSIENT:
-            values = tuple(column.v for column in run.columns)
+            values = tuple(_without_drop_outs(column.v) for column in run.columns)
             return cls(run, values, tuple(np.full(v.size, noise_of(v)) for v in values), False)
         if run.input is not None:
             of_columns = [lines(run.input, column, column.on(column)) for column in run.columns]
@@ -187,6 +188,18 @@ class FeatureRun:
     def bias(self, *_: Any) -> Reals:
         """No measures of cycles."""
         return np.zeros(len(MEASURES))
+
+
+def _without_drop_outs(v: Reals) -> Reals:
+    """Samples, missing where an instrument has held its last value or none: far from the line between its neighbours.
+
+    As large a bend of another kind is the motion, such as the begin of a stick.
+    """
+    held = (v[1:-1] == v[:-2]) | (v[1:-1] == 0.0)
+    bends = np.abs(v[1:-1] - 0.5 * (v[:-2] + v[2:]))
+    known = v.copy()
+    known[1:-1][held & (bends > _HELD * noise_of(v))] = math.nan
+    return known
 
 
 def lines(drive: Column, column: Column, v: Reals) -> tuple[Reals, Any, Any]:

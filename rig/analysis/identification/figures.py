@@ -133,6 +133,6 @@ def _measures(axes: Axes, runs: list[RunFit], identified: Identified) -> None:
     axes.axhline(1.0, color=GREY, lw=0.8)
     labels = [run.name + (" (not fitted)" if i >= len(identified.best.runs) else "") for i, run in enumerate(runs)]
     axes.set_xticks(range(len(runs)), labels, fontsize=8)
-    axes.set_ylabel("measured over model [1]")
+    axes.set(xlabel="run", ylabel="measured over model [1]")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, ncols=4)

@@ -51,6 +51,7 @@ _OUTLIER = 5.0  # times the median of the rms of the cycles
 _ROUNDS = 6  # of a fit of measures, from which cycles are fitted or draws are made
 _NOISY = 2  # fits with what noise adds at the end of the one before
 _MOVED = 0.5  # standard deviations by which such a fit moves and needs another
+_USUAL = 16  # rounds of all fits of a law
 _FLAT = 3e-3  # of the sum of squares of measures: a smaller gain ends a fit
 Progress = Callable[[int], object]
 
@@ -65,6 +66,15 @@ def identify(
         fits.append(_law(task, law, folder, workers, lambda count, done=done: progress(done + count)))  # type: ignore[misc]
         done += fits[-1].evaluations
     return Identified.of(task, fits)
+
+
+def usual(task: Task) -> int:
+    """How many evaluations the fits of a task usually take; a law that does not fit takes more."""
+    runs = sum(run.fitted for run in task.runs)
+    rounds = 0
+    for law in task.laws:
+        rounds += task.starts + _USUAL * (2 * len(law.free) + 2) + len(candidates(law, task.runs))
+    return runs * rounds
 
 
 def _law(task: Task, law: Law, folder: Path | None, workers: int | None, progress: Progress) -> LawFit:
@@ -92,6 +102,7 @@ class _Attempt:
             CycleRun.of(run, response) if run.kind == "cycles" else FeatureRun.of(run, self.law.scene)
             for run, response in zip(measured, first)
         ]
+        notes += [line for each in evidence if isinstance(each, CycleRun) for line in each.words()]
         repeats = all(each.scatter < cycles.REPEATS for each in evidence)
         if not repeats:
             evidence = [_with_offsets(each) if isinstance(each, CycleRun) else each for each in evidence]
@@ -161,7 +172,8 @@ class _Attempt:
         """A rough fit cycle by cycle; after a misfit the best of others, too, from starts that lie farther away."""
         rounds = _FEW if rough else ROUNDS
         fit, solution = self._cycles(z, evidence, offsets, fitted, rough, rounds)
-        if _p(evidence, solution, True) >= MISFIT:
+        drifts = any(isinstance(each, CycleRun) and each.drift for each in evidence)
+        if drifts or _p(evidence, solution, True) >= MISFIT:  # no start helps against cycles that change
             return fit, solution
         starts, _ = self._starts(fitted, [], _WIDELY)  # a wrong law, or a valley far from the answer
         for other_z in self._screen(starts, evidence, offsets, fitted, _VALLEYS):
@@ -398,7 +410,8 @@ def _with_offsets(each: CycleRun) -> CycleRun:
 
 def _sizes(each: Any) -> list[float]:
     """The unit of the offset of each column: a hundredth of the range of its mean cycle."""
-    return [0.01 * float(np.ptp(samples.mean(axis=0))) for samples in each.samples]
+    means = [samples.mean(axis=0) for samples in each.samples]
+    return [0.01 * float(np.ptp(mean[np.isfinite(mean)])) for mean in means]
 
 
 def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offsets: Offsets) -> Reals:
@@ -408,7 +421,7 @@ def _first_offsets(evidence: Sequence[Any], responses: Sequence[Response], offse
         for column, place in enumerate(offsets.place[i]):
             if place >= 0:
                 fitted, _ = each.fitted(column, response, 0.0)
-                sums[0, place] += float((each.samples[column] - fitted).mean())
+                sums[0, place] += float(np.nanmean(each.samples[column] - fitted))
                 sums[1, place] += 1.0
     return np.asarray(sums[0] / np.maximum(sums[1], 1.0) / np.array(offsets.sizes))
 

@@ -188,6 +188,8 @@ def against_scene(
         for which, count in (("measured", first.spikes), ("simulated", second.spikes)):
             if count:
                 notes.append(f"{count} samples of the {which} force are replaced (spikes)")
+        notes += [f"measured: {doubt}" for doubt in first.doubts]
+        notes += [f"simulated: {doubt}" for doubt in second.doubts]
     evaluated = [_evaluated(run, mirrored, name, told, begin, end, slips) for name, (told, _, _) in pairs.items()]
     constant = {name: (i.value, i.unit) for name, i in scene.assemble().inputs.items() if name not in ways}
     measures = [measure for result in evaluated for measure in _measures(run, mirrored, result, begin, end)]

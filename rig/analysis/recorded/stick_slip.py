@@ -19,8 +19,8 @@ Stretches that lie far apart, such as two days, are one series with a long gap b
 Breakaway is the largest force in the later half of the stick, which ends where the speed begins to rise towards the
 threshold: a gauge has read the drop to kinetic friction before it is passed, and a spring has been pulled further.
 
-Source: detector and smoothing, Colas, Pustelnik, Oliver, Abry, Geminard, Vidal, Physical Review E 100 (2019) 032803;
-the algorithm of the smoothing, Kim, Koh, Boyd, Gorinevsky, SIAM Review 51 (2009) 339.
+Source: detector and smoothing (rig.analysis.recorded.trend), Colas, Pustelnik, Oliver, Abry, Geminard, Vidal, Physical
+Review E 100 (2019) 032803.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.recorded.common_grid import aligned
 from rig.analysis.recorded.series import Series, scene_name, series, spans
+from rig.analysis.recorded.trend import trend
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
@@ -49,12 +50,12 @@ _SHARE = 0.04  # threshold as a share of the mean speed of the drive, if none is
 _SPIKE = 8.0  # times the usual deviation from the median of five
 _BESIDE = 3  # samples between an edge of a slip and a peak of the force that belongs to it
 _OFTEN = 0.5  # share of the slips that have a peak: spikes do not keep time with slips
-_GAP = 1e-9  # of the objective: duality gap at which the smoothing ends
-_ROUNDS = 80  # of the smoothing, at most
 _BINS = 12  # of the slip speed, at most
 _FEWEST = 20  # samples in a bin
 _REACHES = 5.0  # times the noise: what one of 3 million samples at rest exceeds. chosen
 _TURN = 6.0  # times the noise: what a turn of the speed exceeds
+_RESOLVED = 3  # samples: noise at rest shows in as many, and a shorter stick may lie between two. chosen
+_AS_OFTEN = 0.5  # of the number of slips: as often a contact does not move against them. chosen
 
 
 class Slip(NamedTuple):
@@ -124,6 +125,61 @@ class StickSlip(Result):
     """Whether the slip speed follows from the force of a spring."""
     noise: float = 0.0
     """Standard deviation of the noise of the slip speed at rest, in `speed_unit`."""
+    against: int = 0
+    """How often the contact moves against its slips as fast as a slip counts."""
+    unseen: int = 0
+    """How often the slip speed would reach zero between two samples above the threshold."""
+
+    @property
+    def counts_from(self) -> float:
+        """The speed from which on a slip counts, in `speed_unit`."""
+        return _EVENT * self.threshold
+
+    @property
+    def unresolved(self) -> str:
+        """Why slips cannot be told from noise where sticks are shorter than a few samples; "" if they are not."""
+        stick = self.median("stick")[0]
+        sample = float(np.median(np.diff(self.t))) if self.t.size > 1 else math.nan
+        if self.unseen > max(len(self.slips), 1):
+            short = f"sticks may be shorter than a sample of {sample:.3g} s: the slip speed comes near to zero " + (
+                f"{counted(self.unseen, 'time')} between two samples"
+            )
+            stick = 0.0
+        elif stick < (_RESOLVED - 0.5) * sample:
+            short = f"sticks are shorter than {_RESOLVED} samples of {sample:.3g} s (median {stick:.3g} s)"
+        else:
+            return ""
+        enough = 2.0 * _RESOLVED / (stick + sample)
+        return (
+            f"{short}; slips and sticks may be missing, and slips cannot be told from noise: sample at {enough:.3g} Hz "
+            "or more"
+        )
+
+    @property
+    def noisy(self) -> str:
+        """Why some of the slips may be noise; "" if none may."""
+        if _REACHES * self.noise <= self.counts_from:
+            return ""
+        noise, counts, enough = (
+            f"{speed:.2g} {self.speed_unit}"
+            for speed in (self.noise, self.counts_from, 1.2 * _REACHES * self.noise / _EVENT)
+        )
+        return (
+            f"some of the slips may be noise: at rest the speed scatters by {noise} (standard deviation), and a "
+            f"slip counts from {counts} on; take a threshold above {enough}, or smooth"
+        )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why slips may be none, a line each."""
+        back = ""
+        if self.against > _AS_OFTEN * len(self.slips):
+            back = (
+                f"the contact moves against its slips by {self.counts_from:.2g} {self.speed_unit} and more, too "
+                f"({counted(self.against, 'time')}): a contact that reverses, or slips that are a vibration or noise "
+                "about rest; take a larger threshold if it does not reverse"
+            )
+        return tuple(filter(None, (self.unresolved, self.noisy, back)))
 
     def median(self, name: str) -> tuple[float, float, float]:
         """Median and quartiles of a value of the slips; NaN without any."""
@@ -139,15 +195,7 @@ class StickSlip(Result):
         share = f"{100.0 * self.share:.3g} % of the time"
         size = f"{self.threshold:.4g} {self.speed_unit}"
         yield f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"
-        if _REACHES * self.noise > _EVENT * self.threshold:
-            noise, counts, enough = (
-                f"{speed:.2g} {self.speed_unit}"
-                for speed in (self.noise, _EVENT * self.threshold, 1.2 * _REACHES * self.noise / _EVENT)
-            )
-            yield (
-                f"  some of the slips may be noise: at rest the speed scatters by {noise} (standard deviation), and a "
-                f"slip counts from {counts} on; take a threshold above {enough}, or smooth"
-            )
+        yield from (f"  {doubt}" for doubt in self.doubts)
         kinds = [
             ("stick time", "stick", "s"),
             ("motion time", "motion", "s"),
@@ -186,7 +234,7 @@ class StickSlip(Result):
         slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
         counts = ("spikes", "held", "bridged", "missing", "cut", "joined")
         fields = {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
-        return fields | {name: getattr(self, name) for name in (*counts, "noise")}
+        return fields | {name: getattr(self, name) for name in (*counts, "noise", "against", "doubts")}
 
     def listed(self) -> Table:
         """Return the slips."""
@@ -194,11 +242,14 @@ class StickSlip(Result):
         return Table("slips", [*map(Column, Slip._fields, units)], self.slips)
 
     def law(self, falling: bool = False) -> str:
-        """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load.
+        """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load, and
+        where slips may be noise.
 
         The force of a spring contains the inertia of the body, with opposite signs where its speed rises and falls: the
         law is then the mean of both. Otherwise it is that over rising speed, or with `falling` over falling speed.
         """
+        if doubt := self.unresolved or self.noisy:
+            raise UsageError(f"no law is written: {doubt}")
         curve = self.down if falling else self.up
         v, mu = (curve.speed, curve.friction) if curve is not None else (np.empty(0), np.empty(0))
         if self.spring and self.up is not None and self.down is not None and self.down.speed.size:
@@ -325,6 +376,8 @@ def stick_slip(
         channel_unit,
         not velocity,
         _noise_at_rest(slip, motion.size),
+        len(gaps(np.where(slip <= -_EVENT * motion.size, math.nan, 0.0))),
+        _unseen(slip, motion.size),
     )
 
 
@@ -411,63 +464,6 @@ def _spikes(v: Reals) -> tuple[Reals, Bools]:
     return middle, away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
 
 
-def trend(v: Reals, s: float) -> Reals:
-    """The curve y with the smallest sum (v - y)^2 / 2 + s sum |y''|: piecewise linear. Missing samples are bridged."""
-    from scipy.linalg import solveh_banded
-
-    known = np.isfinite(v)
-    if v.size < 3 or not known.any():
-        return v
-    v = np.interp(np.arange(v.size), np.flatnonzero(known), v[known])
-    n = v.size - 2
-    Dv = np.diff(v, 2)
-    bands = np.zeros((3, n))
-    bands[0, 2:] = 1.0
-    bands[1, 1:] = -4.0
-    bands[2] = 6.0
-
-    def transposed(z: Reals) -> Reals:
-        return np.asarray(np.convolve(z, (1.0, -2.0, 1.0)))
-
-    z = np.zeros(n)  # the dual, |z| <= s
-    low = np.ones(n)  # the multipliers of both bounds
-    high = np.ones(n)
-    t = 1e-10
-    step = math.inf
-    for _ in range(_ROUNDS):
-        back = transposed(z)
-        forth = np.diff(back, 2)
-        w = Dv - (high - low)
-        by_multipliers = 0.5 * float(w @ solveh_banded(bands, w)) + s * float(np.sum(high + low))
-        by_dual = 0.5 * float(back @ back) + s * float(np.abs(Dv - forth).sum())
-        primal = min(by_multipliers, by_dual)
-        gap = primal + 0.5 * float(back @ back) - float(Dv @ z)
-        if gap <= _GAP * max(abs(primal), np.finfo(float).tiny):
-            break
-        if step >= 0.2:
-            t = max(4.0 * n / gap, 1.2 * t)
-        over = z - s  # negative inside, as the next
-        under = -z - s
-        matrix = bands.copy()
-        matrix[2] -= high / over + low / under
-        dz = solveh_banded(matrix, -forth + Dv + (1.0 / over - 1.0 / under) / t)
-        dhigh = -(high + (1.0 / t + dz * high) / over)
-        dlow = -(low + (1.0 / t - dz * low) / under)
-        step = 1.0
-        for m, dm in ((high, dhigh), (low, dlow)):
-            if (dm < 0.0).any():
-                step = min(step, 0.99 * float(np.min(-m[dm < 0.0] / dm[dm < 0.0])))
-        for _ in range(40):  # stay inside, and come closer
-            new = z + step * dz
-            if np.max(np.abs(new)) < s:
-                break
-            step *= 0.5
-        z = z + step * dz
-        high = high + step * dhigh
-        low = low + step * dlow
-    return np.asarray(v - transposed(z))
-
-
 def _held(v: Reals, slip: Reals, size: float) -> Bools:
     """The samples of a velocity that repeat the one before them, where the contact slips and a jump follows."""
     same = np.concatenate(([False], np.diff(v) == 0.0))
@@ -497,6 +493,14 @@ def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
         joined += events.size - 1
         spans.append((int(begin) - 1, int(end)))
     return spans, joined, cut
+
+
+def _unseen(slip: Reals, size: float) -> int:
+    """How often a slip speed falls so fast that it may be zero between two samples above the threshold."""
+    before, at, after = slip[:-2], slip[1:-1], slip[2:]
+    beside = np.maximum(before, after)  # comparisons with NaN are false
+    turns = (at > size) & (before >= at) & (after > at)
+    return int(np.count_nonzero(turns & (beside >= 2.0 * at) & (beside >= _EVENT * size)))
 
 
 def _ways(v: Reals) -> NDArray[np.int8]:
