@@ -1,6 +1,5 @@
 """More kinds of files, as strangers bring them: texts, times of day, LabVIEW, binary formats, entries of the map."""
 
-import resource
 import struct
 import sys
 
@@ -149,9 +148,10 @@ def nested_table(file):
     file["table"] = table
 
 
-def several_factors(file):
-    file["m"] = np.ones((200, 2))
+def odd_factors(file):
+    file["m"], file["w"] = np.ones((200, 2)), N
     file["m"].attrs["scale_factor"] = [0.1, 0.2]
+    file["w"].attrs["add_offset"] = "two"
 
 
 def matlab_table(path):
@@ -442,8 +442,11 @@ BINARY = {
         "t, s",
         becomes={"v": ("m/s", V), "n": ("N", N)},
     ),
-    "factors of columns.h5": Kind(
-        lambda path: hdf5(path, several_factors), ["v = v, m/s"], "t, s", left_out={"m": "it has several factors"}
+    "odd factors.h5": Kind(
+        lambda path: hdf5(path, odd_factors),
+        ["v = v, m/s"],
+        "t, s",
+        left_out={"m": "it has several factors", "w": "its scale_factor or add_offset is no number"},
     ),
     "large images.h5": Kind(
         lambda path: hdf5(path, lambda file: file.create_dataset("x", (99, 99, 10**6), "f8", chunks=(9, 9, 9))),
@@ -509,6 +512,7 @@ def test_a_rate_beyond_the_ns_of_a_recording_is_refused(tmp_path):
 
 def test_a_list_of_many_columns_takes_little_memory(tmp_path):
     """What stands for no value was kept for each column: 450 KB."""
+    resource = pytest.importorskip("resource")
     path = tmp_path / "wide.csv"
     written = [";".join(f"{k + i / 8}" for i in range(4000)) for k in range(3)]
     lines(";".join(f"c{i} [m/s]" for i in range(4000)), *written)(path)
