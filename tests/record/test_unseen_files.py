@@ -1,6 +1,5 @@
 """More kinds of files, as strangers bring them: texts, times of day, LabVIEW, binary formats, entries of the map."""
 
-import resource
 import struct
 import sys
 
@@ -11,6 +10,7 @@ from measurement_kinds import Kind, N, T, V, check, comma, lines, rows
 from scipy import constants as c
 from scipy import io as scipy_io
 
+import rig as lab
 from rig.errors import UsageError
 from rig.record.imports.channel_map import ChannelMap
 from rig.record.imports.import_run import import_files, listed
@@ -148,9 +148,10 @@ def nested_table(file):
     file["table"] = table
 
 
-def several_factors(file):
-    file["m"] = np.ones((200, 2))
+def odd_factors(file):
+    file["m"], file["w"] = np.ones((200, 2)), N
     file["m"].attrs["scale_factor"] = [0.1, 0.2]
+    file["w"].attrs["add_offset"] = "two"
 
 
 def matlab_table(path):
@@ -258,6 +259,11 @@ TEXTS = {
         left_out={"row 1": "it has 3 cells, the rows have 2: they get no names from it"},
         reported=("more names than cells.csv, row 1: it has 3 cells",),
     ),
+    "the same name with two units.csv": Kind(
+        lines("t [s];v [m/s];v [N]", *rows(lambda t, v, n: f"{t:.6f};{v};{n}")),
+        ["v = v", "v (2) = f"],
+        becomes={"v": ("m/s", V), "f": ("N", N)},
+    ),
     "a slash before brackets.csv": Kind(lines("t/(s);v/(m/s)", *PLAIN)),
     "a smaller table above.csv": Kind(
         lines(HEAD, *PLAIN[:50], "", "t [s];f [N];x [m]", *(f"{row};1" for row in PLAIN)),
@@ -287,6 +293,7 @@ TEXTS = {
         becomes={"v": ("m/s", np.delete(V, 150))},
         t=np.delete(T, 150),
     ),
+    "a directory": Kind(lambda path: path.mkdir(), refused=("is no file, but a directory",), in_one_line=True),
     "times closer than ns.csv": Kind(
         lines(HEAD, "0;1", "4e-10;2", "8e-10;3"),
         refused=("row 3 (and 4), column t: the time 4e-10 s is less than 1 ns after that of the row before",),
@@ -435,8 +442,11 @@ BINARY = {
         "t, s",
         becomes={"v": ("m/s", V), "n": ("N", N)},
     ),
-    "factors of columns.h5": Kind(
-        lambda path: hdf5(path, several_factors), ["v = v, m/s"], "t, s", left_out={"m": "it has several factors"}
+    "odd factors.h5": Kind(
+        lambda path: hdf5(path, odd_factors),
+        ["v = v, m/s"],
+        "t, s",
+        left_out={"m": "it has several factors", "w": "its scale_factor or add_offset is no number"},
     ),
     "large images.h5": Kind(
         lambda path: hdf5(path, lambda file: file.create_dataset("x", (99, 99, 10**6), "f8", chunks=(9, 9, 9))),
@@ -502,6 +512,7 @@ def test_a_rate_beyond_the_ns_of_a_recording_is_refused(tmp_path):
 
 def test_a_list_of_many_columns_takes_little_memory(tmp_path):
     """What stands for no value was kept for each column: 450 KB."""
+    resource = pytest.importorskip("resource")
     path = tmp_path / "wide.csv"
     written = [";".join(f"{k + i / 8}" for i in range(4000)) for k in range(3)]
     lines(";".join(f"c{i} [m/s]" for i in range(4000)), *written)(path)
@@ -527,6 +538,20 @@ def test_a_channel_that_two_joined_files_have_is_told(tmp_path):
     given = ChannelMap.of_texts(["pulse = pulse", "v = v"], "t")
     with pytest.raises(UsageError, match=r"b\.csv: it has no channel beside pulse, which the first file has too"):
         import_files(paths, tmp_path / "x.mcap", given, "pulse")
+
+
+def test_a_file_with_a_rate_joins_one_with_times(tmp_path):
+    """A WAV, which begins 0.05 s later, beside a table."""
+    paths = [tmp_path / "a.csv", tmp_path / "b.wav"]
+    t = np.arange(4000) / 4000.0
+    pulses = [1.0 / (1.0 + np.exp(-(t - late) / 5e-3)) for late in (0.4, 0.35)]
+    lines("t [s];pulse [V];v [m/s]", *(f"{x:.6f};{p:.9f};{p}" for x, p in zip(t, pulses[0])))(paths[0])
+    scipy_io.wavfile.write(paths[1], 4000, np.stack([pulses[1], t], axis=1))
+    given = ChannelMap.of_texts(["pulse = pulse", "v = v", "ch1 = pulse, 1 V", "ch2 = w, 1 m/s"], "t")
+    import_files(paths, tmp_path / "x.mcap", given, "pulse > 0.5 V")
+    samples = lab.open(tmp_path / "x.mcap").measurements["w"]
+    assert samples.v.tolist() == t.tolist()
+    assert samples.t_ns * 1e-9 == pytest.approx(t + 0.05, abs=1e-6)  # the pulse is not straight between two samples
 
 
 def test_files_whose_times_begin_apart_are_joined(tmp_path):

@@ -58,7 +58,8 @@ class Part:
         first = {c: t[np.isfinite(t)] for c, (t, _) in next(self._timed_or_refused()).items()}
         first = {c: t for c, t in first.items() if t.size}
         if not first:
-            raise UsageError(f"{self.file.path}: column {self.time} has no time among its first values")
+            column = self.time or self.channels[0].column
+            raise UsageError(f"{self.file.path}: column {column} has no time among its first values")
         self.periods = {c: _period_ns(t) for c, t in first.items()}
         return min(float(t[0]) for t in first.values()) + self.shift
 

@@ -13,6 +13,7 @@ from rig.record.imports.columns import WORDS, ArrayColumns, MeasurementFile, no_
 
 _LARGEST = 1 << 31  # bytes of a data set that are read. chosen
 _NO_FACTOR = "its scale_factor is 0, which leaves nothing of it"
+_NO_NUMBERS = "its scale_factor or add_offset is no number"
 _FACTORS = "it has several factors or offsets; save its values with one of them, or without"
 _PACKED = ("_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned")
 
@@ -123,8 +124,11 @@ def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:
 
 def _no_packing(about: Mapping[str, Any]) -> str:
     """Why values cannot be unpacked; "" if they can."""
-    if any(np.size(about.get(key, 1.0)) != 1 for key in ("scale_factor", "add_offset")):
+    packing = [np.asarray(about.get(key, 1.0)) for key in ("scale_factor", "add_offset")]
+    if any(value.size != 1 for value in packing):
         return _FACTORS
+    if any(value.dtype.kind not in "fiu" for value in packing):
+        return _NO_NUMBERS
     return "" if _factor(about) else _NO_FACTOR
 
 

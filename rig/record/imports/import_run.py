@@ -250,7 +250,10 @@ def _parts(files: Sequence[MeasurementFile], given: ChannelMap, join: str, skip_
         met |= mine.keys()
         try:
             made = ChannelMap(mine).channels_of(file.columns, where, file.left_out)
-            time, scale = given.time_column(file.columns, where, file.left_out) if not rate else ("", 1.0)
+            rated = len(files) > 1 and all(file.column(c.column).rate for c in made)  # a WAV beside a table with times
+            time, scale = ("", 1.0)
+            if not (rate or rated):
+                time, scale = given.time_column(file.columns, where, file.left_out)
             untimed = [c.column for c in made if not (time or rate or file.column(c.column).rate)]
             if untimed:
                 raise UsageError(f'{where}: no time for {", ".join(untimed)}: add --time "COLUMN, s" or --rate "2 kHz"')

@@ -47,12 +47,12 @@ _OF_CODE = (ArithmeticError, AttributeError, LookupError, NameError, TypeError, 
 
 def opened(path: Path) -> MeasurementFile:
     """The columns of a file. Raises UsageError for one that cannot be read, is damaged or of an unknown format."""
+    if path.exists() and not path.is_file():
+        raise UsageError(f"{path}: is no file, but a directory, a pipe or a device; copy its contents to a file")
     read = _FORMATS.get(path.suffix.lower())
     if read is None:
         known = " ".join(sorted(_FORMATS))
         raise UsageError(f"{path}: no measurement file has the ending {path.suffix!r}; known: {known}")
-    if path.exists() and not path.is_file():
-        raise UsageError(f"{path}: is no file, but a directory, a pipe or a device; copy its contents to a file")
     with _refusals(path):
         file = read(path)
     if not file.columns:
