@@ -569,6 +569,8 @@ def test_a_threshold_beyond_the_largest_number_of_points_is_not_known(tmp_path):
         Threshold(result, 0.3)
     with pytest.raises(UsageError, match=r"there is no unstable cycle at drive\.speed = 0.2 m/s beside stable sliding"):
         Threshold(result, 0.2)
+    with pytest.raises(UsageError, match=r"drive\.speed = 0.9 m/s lies outside of the range that is followed"):
+        Threshold(result, 0.9)
 
 
 def test_curves_begin_where_the_starts_say(tmp_path):
@@ -1016,3 +1018,21 @@ def test_the_command_refuses_a_threshold_of_a_scene_with_controllers(rig, tmp_pa
     assert not [*tmp_path.iterdir()]
     code, _, err = rig(*over, "--plant-alone")
     assert (code, "belong to --threshold" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--threshold", "0.9 m/s"), "outside of the range that is followed, 0.2 m/s to 0.8 m/s"),
+        (("--threshold", "0.4"), "without a unit; expected m/s"),
+        (("--threshold", "0.4 m/s", "--starts", "y=-2:2"), "y: is no state of the rig; known: x, x'"),
+        (("--threshold", "0.4 m/s", "--starts", "x=2:-2"), "expected two finite numbers, the smaller one first"),
+        (("--threshold", "0.4 m/s", "--starts", "x=2"), "expected STATE=FROM:TO"),
+        (("--threshold", "0.4 m/s", "--knock", "load 20 ms"), "expected an actuator of belt"),
+        (("--threshold", "0.4 m/s", "--knock", "load.force 20"), "expected ACTUATOR DURATION"),
+    ],
+)
+def test_the_command_refuses_what_no_threshold_can_be_before_it_follows_branches(rig, tmp_path, options, words):
+    code, _, err = rig("branches", "belt", "--over", "drive.speed=0.2 m/s:0.8 m/s", "--out", str(tmp_path), *options)
+    assert (code, words in err) == (2, True)
+    assert not [*tmp_path.iterdir()]
