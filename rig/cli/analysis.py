@@ -18,7 +18,7 @@ from rig.parameters import Option
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rig.analysis.branches import Branches, Curves
+    from rig.analysis.branches import Branches, Curves, Threshold
     from rig.analysis.linear.loop_report import LoopReport
     from rig.analysis.linear.sweep import Sweep
     from rig.scenes.axis import Axis
@@ -296,7 +296,7 @@ def branches(
     and landing. Results are kept: after an interruption the same command
     continues. --force draws finished branches again.
     """
-    from rig.analysis.branches import Threshold, curves, curves_store, job, refuse_controllers, store_of
+    from rig.analysis.branches import Asked, curves, curves_store, job, store_of
     from rig.analysis.branches import branches as follow
     from rig.scenes.axis import axes
 
@@ -308,9 +308,8 @@ def branches(
         (threshold and second, "--threshold needs branches; leave out --second"),
     )
     printing.warnings(scene)
-    if threshold:
-        refuse_controllers(scene, alone)
     todo = job(scene, over, output, start, points)
+    asked = Asked.parse(todo, threshold, starts, knock, alone) if threshold else None
     along = next(iter(axes(scene, {"--second": second})), None)
     name = "curves" if along else "branches"
     store = curves_store(todo, along, out) if along else store_of(todo, out)
@@ -324,8 +323,8 @@ def branches(
         else:
             with printing.status() as show:
                 followed = follow(todo, out, show)
-                if threshold:
-                    edge = Threshold.parse(followed, threshold, starts, knock, alone)
+                if asked:
+                    edge = asked.of(followed)
     more = {"threshold": edge.to_json()} if edge else {}
     title = f"Branches of {scene.title or scene.name}"
     return in_folder(followed, store.folder, name, more, [f"\n{edge.text()}"] if edge else [], title=title)

@@ -228,6 +228,31 @@ def test_multipliers_hold_where_the_return_map_bends(tmp_path):
         assert p.multiplier_accuracy < 1e-8
 
 
+def test_multipliers_are_those_of_the_cycle_where_a_run_leaves_it(tmp_path):
+    """A motion that misses its start by 1e-10 and departs a thousandfold is not the cycle, which backwards attracts."""
+    from scipy.integrate import solve_ivp
+
+    mass, stiffness, damping, load, static, kinetic, decay = 3.43, 1676.0, 4.85, 16.0, 0.766, 0.281, 220.0
+    friction = {"law": "exponential", "mu_static": static, "mu_kinetic": kinetic, "decay": decay}
+    changes = {"body.mass": mass, "body.stiffness": stiffness, "body.damping": damping, "load.force": load}
+    result = followed(tmp_path, "belt", "drive.speed=0.02 m/s:0.3 m/s", ("hopf",), friction=friction, **changes)
+    points = [p for *_, p in result.points() if p.period == p.period and not p.stick]
+    assert max(p.largest_multiplier for p in points) > 1e4
+    for p in points[::3]:
+
+        def rate(_, y, V=p.value):
+            fall = load * (static - kinetic) * math.exp(-decay * (V - y[1]))
+            force = load * kinetic + fall - damping * y[1] - stiffness * y[0]
+            return [y[1], force / mass, (fall * decay - damping) / mass]
+
+        run = [p.state["x"], p.state["x'"], 0.0]
+        for _ in range(2):
+            back = solve_ivp(rate, (p.period, 0.0), [*run[:2], 0.0], method="DOP853", rtol=2.3e-14, atol=1e-18)
+            run = back.y[:, -1]
+        away = abs(p.multipliers[0].real / math.exp(-run[2]) - 1.0)
+        assert away < min(p.multiplier_accuracy, 1e-9)
+
+
 @pytest.mark.slow
 def test_multipliers_beside_a_canard_hold_to_the_accuracy_that_is_stated(tmp_path):
     """Cycles whose parameter is the same to seven digits, and whose multiplier grows a thousandfold."""
@@ -544,6 +569,8 @@ def test_a_threshold_beyond_the_largest_number_of_points_is_not_known(tmp_path):
         Threshold(result, 0.3)
     with pytest.raises(UsageError, match=r"there is no unstable cycle at drive\.speed = 0.2 m/s beside stable sliding"):
         Threshold(result, 0.2)
+    with pytest.raises(UsageError, match=r"drive\.speed = 0.9 m/s lies outside of the range that is followed"):
+        Threshold(result, 0.9)
 
 
 def test_curves_begin_where_the_starts_say(tmp_path):
@@ -991,3 +1018,21 @@ def test_the_command_refuses_a_threshold_of_a_scene_with_controllers(rig, tmp_pa
     assert not [*tmp_path.iterdir()]
     code, _, err = rig(*over, "--plant-alone")
     assert (code, "belong to --threshold" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--threshold", "0.9 m/s"), "outside of the range that is followed, 0.2 m/s to 0.8 m/s"),
+        (("--threshold", "0.4"), "without a unit; expected m/s"),
+        (("--threshold", "0.4 m/s", "--starts", "y=-2:2"), "y: is no state of the rig; known: x, x'"),
+        (("--threshold", "0.4 m/s", "--starts", "x=2:-2"), "expected two finite numbers, the smaller one first"),
+        (("--threshold", "0.4 m/s", "--starts", "x=2"), "expected STATE=FROM:TO"),
+        (("--threshold", "0.4 m/s", "--knock", "load 20 ms"), "expected an actuator of belt"),
+        (("--threshold", "0.4 m/s", "--knock", "load.force 20"), "expected ACTUATOR DURATION"),
+    ],
+)
+def test_the_command_refuses_what_no_threshold_can_be_before_it_follows_branches(rig, tmp_path, options, words):
+    code, _, err = rig("branches", "belt", "--over", "drive.speed=0.2 m/s:0.8 m/s", "--out", str(tmp_path), *options)
+    assert (code, words in err) == (2, True)
+    assert not [*tmp_path.iterdir()]

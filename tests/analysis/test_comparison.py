@@ -45,6 +45,13 @@ def test_a_run_is_equal_to_itself(runs):
     assert {found.outcome(one) for one in found.signals.signals} == {"equal"}
 
 
+def test_a_channel_with_another_unit_is_named(runs):
+    other = dataclasses.replace(runs[0], units={**runs[0].units, "velocity": "mm/s"})
+    assert compare(runs[0], runs[0]).notes == ()
+    [note] = compare(runs[0], other).notes
+    assert note == "velocity is in m/s in A and in mm/s in B: what is told of it compares other quantities"
+
+
 def test_a_deviation_is_judged_by_the_range_of_its_signal(runs):
     other = bent(runs[0], 1e-3)
     (one,) = (one for one in compare(runs[0], other).signals.signals if one.differing)

@@ -15,7 +15,7 @@ from rig.analysis.branches.begin import HOPF, SIMULATION, Start, values_of
 from rig.analysis.branches.compute import FILE, POINTS, ROOT, Job, branches, job, store_of
 from rig.analysis.branches.curves import Curve, Curves, curves, curves_store
 from rig.analysis.branches.result import Branch, Branches, Point, SpecialPoint
-from rig.analysis.branches.threshold import Knock, Share, Threshold, refuse_controllers
+from rig.analysis.branches.threshold import Asked, Knock, Share, Threshold
 
 __all__ = [
     "FILE",
@@ -23,6 +23,7 @@ __all__ = [
     "POINTS",
     "ROOT",
     "SIMULATION",
+    "Asked",
     "Branch",
     "Branches",
     "Curve",
@@ -38,7 +39,6 @@ __all__ = [
     "curves",
     "curves_store",
     "job",
-    "refuse_controllers",
     "store_of",
     "values_of",
 ]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.branches.begin import Start, from_start
+from rig.analysis.branches.compute import Job
 from rig.analysis.branches.places import Place
 from rig.analysis.branches.result import CYCLES, Branch, Branches
 from rig.analysis.branches.trace import follow
@@ -27,12 +28,15 @@ from rig.analysis.cycles.return_map import Family
 from rig.bench.free_rig import TIGHT, FreeRig
 from rig.errors import UsageError
 from rig.printable import columns, counted
+from rig.scenes.axis import Axis
 from rig.scenes.left_out import left_out
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, steady
 from rig.units import si
 
 Array = NDArray[np.float64]
+Ranges = Mapping[str, tuple[float | str, float | str]]
+"""Ends of the range of starts, by state; a text is a number with a unit of one."""
 BESIDE = 1e-6
 """Share of a knock by which a threshold is confirmed from both sides."""
 _CLOSE = 1e-9  # of the value: reached
@@ -103,6 +107,90 @@ def refuse_controllers(scene: Scene, plant_alone: bool) -> None:
         )
 
 
+def pulsed(family: Family, value: float, knock: str) -> tuple[FreeRig, Pulse | None]:
+    """The rig at a value of the parameter with the actuator of a knock as a state, and the pulse; without a knock the
+    rig as it is. Raises UsageError.
+    """
+    if not knock:
+        return family.rig((value,)), None
+    name, _, time = knock.strip().partition(" ")
+    scene = family.scene_at((value,))
+    assembly = family.assembled(scene, {name})
+    actuator = assembly.inputs.get(name)
+    try:
+        duration = si(time, "s")
+    except ValueError as fault:
+        raise UsageError(f'knock {knock}: expected ACTUATOR DURATION, e.g. "load.force 20 ms" ({fault})') from None
+    if actuator is None or not actuator.state or not duration > 0.0:
+        known = ", ".join(key for key, entry in assembly.inputs.items() if entry.state or key != name)
+        raise UsageError(f"knock {knock}: expected an actuator of {scene.name} ({known}) and a duration above 0 s")
+    rig = FreeRig(scene, assembly, tolerance=TIGHT)
+    state = rig.system.names.index(actuator.state)
+    now = float(rig.settled[state])
+    return rig, Pulse(state, actuator.unit, duration, (actuator.high - now, now - actuator.low))
+
+
+def known_ranges(rig: FreeRig, ranges: Ranges) -> dict[str, tuple[float, float]]:
+    """The ranges of starts by state, as numbers. Raises UsageError for what is no state, and for no range."""
+    names = [rig.system.names[i] for i in rig.moving]
+    known = {}
+    for name, ends in ranges.items():
+        if name not in names:
+            raise UsageError(f"start {name}: is no state of the rig; known: {', '.join(names)}")
+        low, high = (si(end, "1") if isinstance(end, str) else float(end) for end in ends)
+        if not (low < high and math.isfinite(high - low)):
+            raise UsageError(f"start {name}={low:g}:{high:g}: expected two finite numbers, the smaller one first")
+        known[name] = (low, high)
+    return known
+
+
+def refuse_outside(axis: Axis, value: float) -> None:
+    """Raise UsageError for a value of the parameter at which no branch is followed."""
+    low, high = axis.values[0], axis.values[-1]
+    if not low <= value <= high:
+        raise UsageError(
+            f"{axis.key} = {axis.text(value)} lies outside of the range that is followed, {axis.text(low)} to "
+            f"{axis.text(high)}: widen it, or take a value within it"
+        )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a threshold: a value of the parameter (SI), a knock, ranges of starts, of `Threshold`."""
+
+    value: float
+    knock: str
+    ranges: Mapping[str, tuple[float, float]]
+    plant_alone: bool
+
+    @classmethod
+    def parse(cls, job: Job, value: str, starts: str | None, knock: str, plant_alone: bool) -> Asked:
+        """Read a value with a unit and ranges such as "x=-2:2"; branches need not be known. Raises UsageError."""
+        refuse_controllers(job.scene, plant_alone)
+        try:
+            at = si(value, job.axis.unit)
+        except ValueError as fault:
+            raise UsageError(f"--threshold {value}: {fault}") from None
+        refuse_outside(job.axis, at)
+        ranges = {}
+        for part in (starts or "").split(","):
+            if part.strip():
+                name, _, ends = part.partition("=")
+                try:
+                    low, high = (float(end) for end in ends.split(":"))
+                except ValueError:
+                    raise UsageError(f'--starts {part.strip()}: expected STATE=FROM:TO, e.g. "x=-2:2"') from None
+                ranges[name.strip()] = (low, high)
+        rig, _ = pulsed(Family(job.scene, [job.axis], [job.output]), at, knock)
+        return cls(at, knock, known_ranges(rig, ranges), plant_alone)
+
+    def of(self, branches: Branches) -> Threshold:
+        """The threshold on branches. Raises UsageError if there is none."""
+        threshold = Threshold(branches, self.value, self.knock, self.plant_alone)
+        threshold.ranges = self.ranges
+        return threshold
+
+
 class Threshold:
     """The unstable cycle at a value (SI) of the parameter of `branches`; `knock`: actuator and duration of its pulse,
     such as "load.force 20 ms". `plant_alone`: leave out the controllers of the scene. Raises UsageError if there is no
@@ -112,12 +200,13 @@ class Threshold:
     def __init__(self, branches: Branches, value: float, knock: str = "", plant_alone: bool = False) -> None:
         refuse_controllers(branches.scene, plant_alone)
         axis = branches.axis
+        refuse_outside(axis, value)
         self.value = value
         self.text_of_value = axis.text(value)
         self.knock = knock
-        self.ranges: dict[str, tuple[float | str, float | str]] = {}
+        self.ranges: Ranges = {}
         self.family = Family(branches.scene, [axis], [branches.output])
-        self.rig, self.pulse = self._pulsed(knock)
+        self.rig, self.pulse = pulsed(self.family, value, knock)
         self.sliding: Steady = steady(self.rig.system, self.rig.key)
         cycles = [(branch, point.stable) for branch, point in branches.at(value) if branch.kind == CYCLES]
         unstable = [branch for branch, attracts in cycles if not attracts]
@@ -224,26 +313,6 @@ class Threshold:
         ends = comes_to_slide(self.rig, self.rest, x, self.unstable.period, known)
         return bool(self.rest.share(x) < self.rest.share(self.rig.settled)) if ends is None else ends
 
-    def _pulsed(self, knock: str) -> tuple[FreeRig, Pulse | None]:
-        """The rig with an actuator as a state, and the pulse; without a knock the rig as it is."""
-        if not knock:
-            return self.family.rig((self.value,)), None
-        name, _, time = knock.strip().partition(" ")
-        scene = self.family.scene_at((self.value,))
-        assembly = self.family.assembled(scene, {name})
-        actuator = assembly.inputs.get(name)
-        try:
-            duration = si(time, "s")
-        except ValueError as fault:
-            raise UsageError(f'knock {knock}: expected ACTUATOR DURATION, e.g. "load.force 20 ms" ({fault})') from None
-        if actuator is None or not actuator.state or not duration > 0.0:
-            known = ", ".join(key for key, entry in assembly.inputs.items() if entry.state or key != name)
-            raise UsageError(f"knock {knock}: expected an actuator of {scene.name} ({known}) and a duration above 0 s")
-        rig = FreeRig(scene, assembly, tolerance=TIGHT)
-        state = rig.system.names.index(actuator.state)
-        now = float(rig.settled[state])
-        return rig, Pulse(state, actuator.unit, duration, (actuator.high - now, now - actuator.low))
-
     def struck(self, x: Array, size: float) -> Array:
         """Return the state after a knock in state x: an impulse [N s], or the pulse of the actuator."""
         rig = self.rig
@@ -341,46 +410,20 @@ class Threshold:
         ahead = along[along > 0.0]
         return float(ahead.min()) if len(ahead) else None
 
-    def drawn(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int, seed: int = 1) -> Array:
+    def drawn(self, ranges: Ranges, count: int, seed: int = 1) -> Array:
         """Draw starts [count, moving state], uniform in `ranges` (state -> ends); other states are those of sliding."""
         names = [self.rig.system.names[i] for i in self.rig.moving]
-        for name in ranges:
-            if name not in names:
-                raise UsageError(f"start {name}: is no state of the rig; known: {', '.join(names)}")
         starts = np.tile(self.sliding.x[self.rig.moving], (count, 1))
         draw = np.random.default_rng(seed)
-        for name, ends in ranges.items():
-            low, high = (si(end, "1") if isinstance(end, str) else float(end) for end in ends)
-            if not (low < high and math.isfinite(high - low)):
-                raise UsageError(f"start {name}={low:g}:{high:g}: expected two finite numbers, the smaller one first")
+        for name, (low, high) in known_ranges(self.rig, ranges).items():
             starts[:, names.index(name)] = draw.uniform(low, high, count)
         return starts
 
-    def share(self, ranges: Mapping[str, tuple[float | str, float | str]], count: int = 4000, seed: int = 1) -> Share:
+    def share(self, ranges: Ranges, count: int = 4000, seed: int = 1) -> Share:
         """Return the share of starts, drawn as `drawn` does, that come to slide: by the threshold or by simulation."""
         starts = self.drawn(ranges, count, seed)
         inside = self.inside(starts) if self.planar else np.array([self.slides(start) for start in starts])
         return Share.of(inside, not self.planar)
-
-    @classmethod
-    def parse(
-        cls, branches: Branches, value: str, starts: str | None = None, knock: str = "", plant_alone: bool = False
-    ) -> Threshold:
-        """Return the threshold at a value with a unit; `starts`: ranges of states. Raises UsageError."""
-        try:
-            at = si(value, branches.axis.unit)
-        except ValueError as fault:
-            raise UsageError(f"--threshold {value}: {fault}") from None
-        threshold = cls(branches, at, knock, plant_alone)
-        for part in (starts or "").split(","):
-            if part.strip():
-                name, _, ends = part.partition("=")
-                try:
-                    low, high = (float(end) for end in ends.split(":"))
-                except ValueError:
-                    raise UsageError(f'--starts {part.strip()}: expected STATE=FROM:TO, e.g. "x=-2:2"') from None
-                threshold.ranges[name.strip()] = (low, high)
-        return threshold
 
     @cached_property
     def _results(self) -> tuple[list[Knock], Share | None]:

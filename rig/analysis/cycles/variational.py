@@ -24,9 +24,9 @@ _MOST = 40_000  # evaluations: a motion with far faster modes would take minutes
 _LEAST = 1e-3  # of the largest state of its kind: the size down to which states are integrated to the tolerance
 
 
-def derivative(rig: FreeRig, x: Array, key: int, time: float) -> Array | None:
-    """Return the derivative [i, i] over the moving states of the motion from x over `time` [s] in a mode set; None for
-    a law with memory, and where the integration takes too long.
+def derivative(rig: FreeRig, x: Array, key: int, time: float) -> tuple[Array, Array] | None:
+    """Return the moving states [i] at the end of the motion from x over `time` [s] in a mode set, and their derivative
+    [i, i]; None for a law with memory, and where the integration takes too long.
     """
     from scipy.integrate import DOP853
 
@@ -50,7 +50,8 @@ def derivative(rig: FreeRig, x: Array, key: int, time: float) -> Array | None:
         solver.step()
     if solver.status != "finished":
         return None
-    return np.asarray(solver.y.reshape(start.shape)[moving, 1:])
+    end = solver.y.reshape(start.shape)[moving]
+    return end[:, 0], end[:, 1:]
 
 
 def _rate(rig: FreeRig, key: int) -> Callable[[Array], Array]:

@@ -92,7 +92,7 @@ class Compared(Result):
     signals: Comparison
     measures: tuple[Measure, ...]
     notes: tuple[str, ...] = ()
-    """Damage of the recordings."""
+    """Channels with other units, and damage of the recordings."""
     runs: tuple[Run, ...] = field(default=(), compare=False)
     """Both runs."""
     names: tuple[str, ...] = ()
@@ -243,6 +243,7 @@ def compare(
         raise UsageError(
             f"the two recordings have no outputs at common times{asked}: A has {outputs[0]}, B {outputs[1]}"
         )
+    damage = (f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in _notes(run))
     return Compared(
         low,
         high,
@@ -251,7 +252,7 @@ def compare(
         tuple(_actions(first, second)),
         compare_signals(first, second, begin, end),
         tuple(_measures(first, second, low, high)),
-        tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in _notes(run)),
+        (*_other_units(first, second), *damage),
         (first, second),
         names,
     )
@@ -345,6 +346,14 @@ def _of(channel: Series) -> dict[str, float]:
     size, period = (cycles.half, 1.0 / cycles.frequency) if cycles.cycles else (math.nan, math.nan)
     values = (float(v.mean()), float(v.std()), size, period, growth(t, v))
     return dict(zip(_MEASURES, values))
+
+
+def _other_units(first: Run, second: Run) -> Iterator[str]:
+    """Yield a warning for each channel that has another unit in the other run."""
+    for name, unit in first.units.items():
+        other = second.units.get(name, unit)
+        if other != unit:
+            yield f"{name} is in {unit} in A and in {other} in B: what is told of it compares other quantities"
 
 
 def _notes(run: Run) -> Iterator[str]:
