@@ -630,8 +630,8 @@ def identify(
     task = prepared(_scene(scene, overrides), given, free, laws, per_run, starts, seed)
     if next:
         settings_of(task.scene, next)
-    found = fit(task, None if folder is None else Path(folder), workers)
-    return propose(found, next, workers) if next else found
+    identified = fit(task, None if folder is None else Path(folder), workers)
+    return propose(identified, next, workers) if next else identified
 
 
 def normal(

@@ -210,6 +210,19 @@ class Result:
         return f'{self.html()}\n<img alt="figure" style="max-width:100%" src="{source}">'
 
 
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: numbers that are not finite are None, arrays and tuples lists, keys texts."""
+    if isinstance(value, dict):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    return value if value is None or isinstance(value, str | int | bool) else str(value)
+
+
 def _csv_row(values: Iterable[Any]) -> list[str]:
     return [_csv_cell(value) for value in values]
 

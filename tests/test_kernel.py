@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -9,10 +10,14 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core import types
+from numba.core.compiler_lock import global_compiler_lock
 
 from rig.compiled import kernel, kernel_store
 from rig.compiled.kernel_store import CheckedFile
+from rig.solve.specialised import UNFILLED, KernelShape, has_products, local, local_square, state_count
 
 CODE = """
 from rig.compiled.kernel import kernel
@@ -189,3 +194,70 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kernel_store.Folder("old")  # in use again
     folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
+
+
+@kernel.inner
+def product_of_row(shape, rows, vector):
+    """The product of the first row with a vector, if there are products."""
+    total = 0.0
+    if has_products(shape):
+        for i in range(state_count(shape)):
+            total += rows[0, i] * vector[0, i]
+    return total
+
+
+def power_of_rows(shape, rows, count):
+    """The sum of a row of rows^count, which calls for each kind of constant that a shape has."""
+    vectors, square = local(shape, rows), local_square(shape, rows)
+    for i in range(state_count(shape)):
+        vectors[0, i] = 1.0
+        for j in range(state_count(shape)):
+            square[i, j] = rows[i, j]
+    for _ in range(count):
+        for i in range(state_count(shape)):
+            vectors[1, i] = 0.0
+            for j in range(state_count(shape)):
+                vectors[1, i] += square[i, j] * vectors[0, j]
+        for i in range(state_count(shape)):
+            vectors[0, i] = vectors[1, i]
+    return np.int64(product_of_row(shape, rows, vectors))
+
+
+SQUARE = types.Array(types.float64, 2, "C")
+
+
+def compiled_for(function, shape):
+    """A kernel compiled for a shape."""
+    kinds = shape, SQUARE, types.int64
+    function.compile(kinds)
+    return function.overloads[kinds]
+
+
+def machine_code(library, name):
+    """The machine code of a kernel as text, without the numbers in names, which count compilations."""
+    assert library.get_pointer_to_function(name)
+    names: dict[str, str] = {}
+    return re.sub(r"_ZN[\w.$]+", lambda found: names.setdefault(found[0], f"name{len(names)}"), library.get_asm_str())
+
+
+@pytest.mark.parametrize(("states", "products"), [(1, True), (3, True), (3, False), (8, True)])
+def test_constants_filled_in_give_the_machine_code_that_numba_makes_for_them(states, products, monkeypatch):
+    monkeypatch.setattr(kernel.FOLDER, "keep", lambda *_: None)  # both have one name: the second would be loaded
+    shape = KernelShape(states, products, nonlinear=False)
+    codes = []
+    for decorator in (kernel.by_address, kernel.inner):
+        made = compiled_for(decorator(power_of_rows), shape)
+        codes.append(machine_code(made.library, made.fndesc.llvm_func_name))
+    assert codes[0] == codes[1]
+    assert "name0:" in codes[0]
+
+
+def test_a_stored_kernel_without_its_constants_gives_the_same_machine_code(monkeypatch):
+    monkeypatch.setattr(kernel.FOLDER, "keep", lambda *_: None)
+    function, shape = kernel.by_address(power_of_rows), KernelShape(4, products=True, nonlinear=True)
+    name = compiled_for(function, shape).fndesc.llvm_func_name
+    fresh = compiled_for(function, UNFILLED).library
+    stored = fresh.codegen.unserialize_library(pickle.loads(pickle.dumps(fresh.serialize_using_object_code())))
+    with global_compiler_lock:
+        codes = [machine_code(library.filled(shape), name) for library in (fresh, stored)]
+    assert codes[0] == codes[1]

@@ -3,10 +3,10 @@
 The plant hosts a run; every other process joins it:
 
     from rig import bus
-    from rig.bus import encode, setup
+    from rig.bus import encode, run_setup
 
     with bus.host(scene="pendulum") as plant:                       # listens on a private unix socket
-        scene = plant.serve("scene", lambda _: described.to_json()) # described: setup.Setup; scene.poll() every frame
+        scene = plant.serve("scene", lambda _: described.to_json()) # described: a Setup; scene.poll() every frame
         commands = plant.subscribe("act/*", stamped=True)           # receivers first, then announce
         watch = plant.watch("*/*")
         plant.announce()
@@ -17,7 +17,7 @@ The plant hosts a run; every other process joins it:
         plant.publisher("total/plant").put(plant.totals(), t_ns)    # last message: what was sent and received
 
     with bus.join(role="controller", name="normal_force") as me:    # the only run, or join("run name", ...)
-        described = setup.fetch(me)
+        described = run_setup.fetch(me)
         steps, plant = me.subscribe("step"), me.watch("plant/*")
         me.announce()
         while plant.wait_for("plant", "plant", 0.0):

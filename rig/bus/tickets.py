@@ -10,12 +10,10 @@ deleted with the run.
 from __future__ import annotations
 
 import base64
-import errno
 import hashlib
 import json
 import os
 import shutil
-import socket
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,57 +23,18 @@ from rig import extras
 from rig.bus.access import BusUser, user_of
 from rig.bus.address import directory, folder
 from rig.bus.certificates import Authority
+from rig.bus.place import check_place, parted
 from rig.errors import BusError, UsageError
-from rig.machine import installation
+from rig.machine import files, installation
 
 SEATS = ("recorder", "viewer", "operator")
 """Seats of every run, beside its controllers."""
-_PORTS = (1024, 65535)
 _TLS = "transport/link/tls/"
-_EVERYWHERE = ("0.0.0.0", "::", "*")
 
 
 def tickets_of(run: str) -> Path:
     """The folder with the tickets of a run."""
     return directory() / f"{run}.tickets"
-
-
-def parted(endpoint: str) -> tuple[str, int]:
-    """Host and port of an endpoint tls/HOST:PORT."""
-    host, _, port = endpoint.partition("/")[2].rpartition(":")
-    return host.strip("[]"), int(port)
-
-
-def check_place(given: str, place: str, before: str = "") -> tuple[str, int]:
-    """Host and port of a place HOST:PORT. Raises UsageError if nobody can listen there.
-
-    `given`: the option; `before`: what its value has before the place.
-    """
-    host, _, port = place.rpartition(":")
-    host = host.strip("[]")
-    if not host or not port.isdecimal():
-        raise UsageError(
-            f"{given}: expected {before}HOST:PORT with the name or address under which other hosts reach this one, "
-            f"such as {before}192.168.7.2:7450"
-        )
-    if host in _EVERYWHERE:
-        raise UsageError(f"{given}: name the one address or name of this host under which others reach it")
-    if not _PORTS[0] <= int(port) <= _PORTS[1]:
-        raise UsageError(f"{given}: the port must be {_PORTS[0]} to {_PORTS[1]}; those below belong to the system")
-    try:
-        kind_of_address, _, _, _, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
-        with socket.socket(kind_of_address) as tried:
-            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            tried.bind(address)
-            tried.listen()
-    except (socket.gaierror, UnicodeError):
-        raise UsageError(f"{given}: no address is known for the name {host}; give an address of this host") from None
-    except OSError as fault:
-        taken = fault.errno == errno.EADDRINUSE
-        other = "another process listens there; choose another port"
-        wrong = f"{fault.strerror}; give an address of this host"
-        raise UsageError(f"{given}: {other if taken else wrong}") from None
-    return host, int(port)
 
 
 @dataclass(frozen=True)
@@ -92,13 +51,16 @@ class Listener:
         """Raise UsageError if nobody can listen there, or if a seat is not there. `controllers`: those of the run."""
         extras.check("cryptography", "remote", "rig run --listen")
         known = (*controllers, *SEATS)
-        if unknown := [seat for seat in self.seats if seat not in known]:
-            raise UsageError(f"--tickets {unknown[0]}: the run has no such seat; it has {', '.join(known)}")
+        for number, seat in enumerate(self.seats):
+            if seat not in known:
+                raise UsageError(f"--tickets {seat}: the run has no such seat; it has {', '.join(known)}")
+            if seat in self.seats[:number]:
+                raise UsageError(f"--tickets {seat}: named twice; a seat has one ticket and one holder")
         kind, _, place = self.endpoint.partition("/")
         given = f"--listen {self.endpoint}"
-        host, _ = check_place(given, place if kind == "tls" else "", "tls/")
-        if ":" in host:  # Zenoh takes it for a name
+        if ":" in place.rpartition(":")[0]:  # Zenoh takes it for a name
             raise UsageError(f"{given}: processes cannot join at an IPv6 address; give a name or an IPv4 address")
+        check_place(given, place if kind == "tls" else "", "tls/")
 
 
 @dataclass(frozen=True)
@@ -191,17 +153,17 @@ def _base64(text: str) -> str:
 def read(path: Path) -> Ticket:
     """The ticket in a file. Raises BusError if it cannot be used on this host and with these sources."""
     try:
-        status = path.stat()
-        text = path.read_text()
-    except (OSError, UnicodeDecodeError) as fault:
-        why = fault.strerror if isinstance(fault, OSError) else "it is no text"
-        raise BusError(f"the ticket {path} cannot be read: {why}") from None
-    if status.st_mode & 0o077:
+        text = files.contents(path).decode()
+        mode = path.stat().st_mode & 0o777
+    except OSError as fault:
+        raise BusError(f"the ticket {path} cannot be read: {fault.strerror}") from None
+    except UnicodeDecodeError:
+        raise BusError(f"the ticket {path} cannot be read: it is no text") from None
+    if mode & 0o077:
         raise BusError(
-            f"the ticket {path} can be read by others (its mode is {status.st_mode & 0o777:o}), and holds a key: "
-            f"chmod 600 {path}"
+            f"the ticket {path} can be read by others (its mode is {mode:o}), and holds a key: chmod 600 {path}"
         )
-    stated, _, content = text.strip().partition("\n")
+    stated, _, content = "\n".join(text.splitlines()).strip().partition("\n")
     if stated != _hash(content):
         raise BusError(f"{path} is damaged, or no ticket: copy it again from the plant's host")
     values = json.loads(content)

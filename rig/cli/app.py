@@ -20,6 +20,7 @@ from rig.cli import (
     recordings,
     runs,
     scenes,
+    serving,
     study,
 )
 from rig.cli.build import Made, build
@@ -49,6 +50,7 @@ COMMANDS: Mapping[str, Made] = {
         recordings,
         runs,
         scenes,
+        serving,
         study,
     )
     for name, command in module.COMMANDS.items()

@@ -1,10 +1,9 @@
-"""Commands for a run that is going on, and those that serve a browser and programs that use WebSocket."""
+"""Commands for a run that is going on: they change or stop it, and look at its messages."""
 
 from __future__ import annotations
 
 import json
 import re
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rig.cli import printing
-from rig.cli.build import JSON, Made, Told
+from rig.cli.build import Made, Told
 from rig.cli.options import Command, RunName, Ticket, number
 from rig.errors import BusError, UsageError
-from rig.extras import check
 from rig.parameters import Argument, Option
 from rig.printable import counted
 from rig.units import number_or_text, with_point
@@ -25,8 +23,8 @@ if TYPE_CHECKING:
 
 
 Pattern = Annotated[str, Argument("PATTERN", 'Topics: "*" matches one part of a name, "**" all following parts.')]
-Port = Annotated[int, Option("PORT", "Port on loopback. 0: any free one.", low=0, high=65535)]
 For = Annotated[float, Option("TIME", "Time to listen, in seconds or with a unit.", "--for", low=0.01)]
+Name = Annotated[str, Argument("NAME", "A controller of the run, connected or not.")]
 
 
 def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]]) -> Told:
@@ -87,12 +85,9 @@ def tune(
     return Told(report, f"{told}  (run {session.run})")
 
 
-Name = Annotated[str, Argument("NAME", "A controller of the run, connected or not.")]
-
-
 def connect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     """Connect a controller of a live run to its actuators. The recording contains it, as a step of the protocol."""
-    _do(
+    _command(
         "connect", run, ticket, f"{name} is connected from t = {{t:.3f}} s on: it drives its actuators", controller=name
     )
 
@@ -104,17 +99,17 @@ def disconnect(name: Name, run: RunName = None, ticket: Ticket = None) -> None:
     that has left keeps its actuators until it is disconnected.
     """
     told = f"{name} is disconnected from t = {{t:.3f}} s on: its actuators take the values of the protocol"
-    _do("disconnect", run, ticket, told, controller=name)
+    _command("disconnect", run, ticket, told, controller=name)
 
 
 def pause(run: RunName = None, ticket: Ticket = None) -> None:
     """Pause a live run: no frame is computed until rig live resume, except by rig live step."""
-    _do("pause", run, ticket, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
+    _command("pause", run, ticket, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
 
 
 def resume(run: RunName = None, ticket: Ticket = None) -> None:
     """Continue a paused run."""
-    _do("resume", run, ticket, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
+    _command("resume", run, ticket, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
 
 
 def step(
@@ -123,7 +118,7 @@ def step(
     ticket: Ticket = None,
 ) -> None:
     """Compute single frames of a paused run: with each one its controllers receive one step."""
-    _do("step", run, ticket, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
+    _command("step", run, ticket, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
 
 
 def stop(
@@ -133,14 +128,14 @@ def stop(
 ) -> None:
     """End a live run in order. The recording contains it."""
     if emergency:
-        _do(
+        _command(
             "emergency",
             run,
             ticket,
             "emergency stop at t = {t:.6f} s: all actuators go to their safe values, then it ends",
         )
     else:
-        _do("stop", run, ticket, "stopped at t = {t:.6f} s")
+        _command("stop", run, ticket, "stopped at t = {t:.6f} s")
 
 
 def knock(
@@ -150,10 +145,10 @@ def knock(
 ) -> None:
     """Apply an impulse to the body of a live run. The recording contains it."""
     size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
-    _do("knock", run, ticket, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
+    _command("knock", run, ticket, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
 
 
-def _do(what: str, run: str | None, ticket: Path | None, told: str, unchanged: str = "", **more: Any) -> None:
+def _command(what: str, run: str | None, ticket: Path | None, told: str, unchanged: str = "", **more: Any) -> None:
     """Ask the plant to do something, and tell that it did, with the time `t` [s] and the run.
 
     `unchanged`: what is told if there was nothing to change.
@@ -268,62 +263,6 @@ def _heard(pattern: str, run: str | None, ticket: Path | None, listen: float) ->
         return {name: (count.received, count.lost) for name, count in receiver.counts.items()}
 
 
-def web(
-    port: Port = 0,
-    no_open: Annotated[bool, Option("", "Print the address only; do not open the browser.")] = False,
-    ticket: Ticket = None,
-    share: Annotated[
-        str | None,
-        Option("HOST:PORT", "Let a class watch from this address of this host, by HTTPS: docs/class.md.", "--share"),
-    ] = None,
-) -> None:
-    """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
-
-    The page is reachable from this machine only, under the printed address. With --share others can watch.
-    With the ticket of an operator it shows the run on another host.
-    Ctrl-C ends the active run and the server.
-    """
-    from rig.bus import given_ticket
-    from rig.bus.address import directory  # slow to import: only where a page is served
-
-    directory()  # where no run can be live, the page would be of no use
-    _check_web("rig web")
-    from rig.web.server import serve
-
-    serve(port, not no_open, _say, given_ticket(ticket), share)
-
-
-def _check_web(what: str) -> None:
-    for name in ("starlette", "uvicorn", "websockets"):
-        check(name, "web", what)
-
-
-def _say(text: str) -> None:
-    """Print an address at once: whoever reads a pipe waits for it."""
-    printing.line(text)
-    sys.stdout.flush()
-
-
-def bridge(
-    run: RunName = None,
-    port: Port = 0,
-    as_json: JSON = False,
-) -> None:
-    """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
-
-    Only this machine can reach it, under the printed address with its token.
-    It ends with the run or on Ctrl-C. docs/wire.md describes the messages.
-    """
-    _check_web("rig live bridge")
-    from rig.web import bridge as server
-
-    def say(made: server.Bridge) -> None:
-        text = f"run {made.run} is at {made.address}\nit ends with the run; Ctrl-C ends it before"
-        _say(json.dumps({"run": made.run, "address": made.address}, indent=2) if as_json else text)
-
-    server.serve(run, port, say)
-
-
 CLASSES = {"tune": Numbers, "knock": Numbers}
 """Of commands that are read in a way of their own."""
 COMMANDS = {
@@ -335,8 +274,6 @@ COMMANDS = {
     "step": Made(step, "rig live step --frames 10"),
     "resume": Made(resume, "rig live resume"),
     "stop": Made(stop, "rig live stop   |   rig live stop --emergency"),
-    "web": Made(web, "rig web --no-open --port 8765"),
-    "bridge": Made(bridge, "rig live bridge --run mine"),
     "ls": Made(topic_ls, "rig live topic ls"),
     "hz": Made(topic_hz, 'rig live topic hz "meas/*" --for 5'),
     "echo": Made(topic_echo, "rig live topic echo meas/vibrometer --count 3"),

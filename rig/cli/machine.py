@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from rig.cli import printing
 from rig.cli.build import Answer, Made, Told
-from rig.cli.options import Budget, accuracy, at, share
+from rig.cli.options import Budget, accuracy, at, share, ticket_file
 from rig.cli.printing import refuse
 from rig.errors import UsageError
 from rig.machine.files import write_file
@@ -146,7 +146,12 @@ def doctor(
     scene: Annotated[list[str] | None, Argument("SCENE...", "Names of scenes. Default: all shipped scenes.")] = None,
     ticket: Annotated[
         Path | None,
-        Option("FILE", "Measure the link to the plant of this ticket instead: docs/remote.md.", "--ticket"),
+        Option(
+            "FILE",
+            "Measure the link to the plant of this ticket instead: docs/remote.md.",
+            "--ticket",
+            check=ticket_file,
+        ),
     ] = None,
 ) -> Answer:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID.

@@ -123,6 +123,13 @@ def recording(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
+def ticket_file(path: Path | None) -> Path | None:
+    """Check the path of a ticket: "" would be no ticket, and another run."""
+    if path is not None:
+        not_empty("--ticket", path)
+    return path
+
+
 SceneName = Annotated[str, Argument("SCENE", "Name of a shipped scene (see rig list), or a TOML file.")]
 
 
@@ -157,6 +164,7 @@ Ticket = Annotated[
         "FILE",
         "Ticket of a run on another host (rig run --listen). Default: the file that RIG_TICKET names, if any.",
         "--ticket",
+        check=ticket_file,
     ),
 ]
 NewName = Annotated[str | None, Option("RUN", "Name of the run.", "--run")]
@@ -261,7 +269,7 @@ def added(given: Iterable[str] | None) -> dict[str, object]:
     return with_files(files)
 
 
-def there(given: Iterable[str] | None, scene: Scene) -> None:
+def check_controllers(given: Iterable[str] | None, scene: Scene) -> None:
     """Raise UsageError for a --controller that `scene` does not have."""
     for name in named(given):
         if name not in scene.controllers:

@@ -8,7 +8,6 @@ What the command reads is never overwritten.
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import sys
 import textwrap
@@ -24,6 +23,7 @@ from rig.errors import UsageError
 from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
 from rig.machine.process import listened, tell
 from rig.printable import columns, printable, utf8
+from rig.results import plain
 
 if TYPE_CHECKING:
     from rig.analysis.pool import Store
@@ -80,29 +80,17 @@ def run_warnings(scene: Scene, duration: float | None) -> None:
 
 def report(values: Any) -> None:
     """Print a report as JSON; NaN and infinity become null."""
-    line(json.dumps(_plain(values), indent=2, ensure_ascii=False))
+    line(json.dumps(plain(values), indent=2, ensure_ascii=False))
 
 
 def reported(as_json: bool, values: Callable[[], Any], show: Callable[[], None]) -> None:
     """Print a report as JSON, or show it to a reader. The page that has started the command as a job gets it too."""
     if listened():
-        tell("report", _plain(values()))
+        tell("report", plain(values()))
     if as_json:
         report(values())
     else:
         show()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    return value if value is None or isinstance(value, str | int | bool) else str(value)
 
 
 def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -149,7 +149,7 @@ def runs(
         with printing.bar("reading") as progress:
             listed = run_list.runs(folder, rebuild, progress)
     else:
-        listed = [run_list.one(folder)]
+        listed = [run_list.of_file(folder)]
         folder = folder.parent
     wanted = [listing for listing in listed if _fits(listing, tag or (), scene)]
     for listing in wanted:

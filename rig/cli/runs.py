@@ -29,6 +29,7 @@ from rig.cli.options import (
     When,
     accuracy,
     added,
+    check_controllers,
     linked,
     live_pace,
     recording,
@@ -36,7 +37,6 @@ from rig.cli.options import (
     separated,
     share,
     the_scene,
-    there,
     trigger,
 )
 from rig.cli.printing import new_recording
@@ -68,11 +68,11 @@ Listen = Annotated[
     ),
 ]
 Tickets = Annotated[
-    str | None,
+    list[str] | None,
     Option(
         "SEATS",
         "With --listen: who joins from other hosts, separated by commas: controllers of the scene, recorder, viewer, "
-        "operator.",
+        "operator. Repeatable.",
         "--tickets",
     ),
 ]
@@ -151,7 +151,7 @@ def run(
     from rig.bench.live.outcome import keeps_up
     from rig.bench.live.supervise import run as supervise
 
-    there(controllers, scene)
+    check_controllers(controllers, scene)
     drawable(names, scene)
     keeps_up(scene, factor)
     listener = reached_at(listen, tickets, scene, duration, factor)
@@ -186,21 +186,25 @@ def run(
 
 
 def reached_at(
-    listen: str | None, tickets: str | None, scene: Scene, duration: float | None, pace: LivePace
+    listen: str | None, tickets: list[str] | None, scene: Scene, duration: float | None, pace: LivePace
 ) -> Listener | None:
     """Where other hosts reach the run, from --listen and --tickets; None without. Raises UsageError."""
-    if listen is None and tickets is None:
+    if listen is None and not tickets:
         return None
-    seats = separated(tickets)
+    named = ",".join(tickets or ())
+    seats = separated(named)
     refuse_all(
-        (listen is None, f"--tickets {tickets}: needs --listen tls/HOST:PORT, where their holders reach the run"),
-        (not seats, f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator"),
+        (listen is None, f"--tickets {named}: needs --listen tls/HOST:PORT, where their holders reach the run"),
+        (
+            listen is not None and not seats,
+            f"--listen {listen}: needs --tickets with the seats of other hosts, such as --tickets operator",
+        ),
     )
     from rig.bus.tickets import Listener
 
     seconds = (scene.duration_ns or 0) / 1e9 if duration is None else duration
     factor = 1.0 if pace is None or pace == "auto" else pace
-    listener = Listener(listen or "", tuple(dict.fromkeys(seats)), seconds / min(factor, 1.0))
+    listener = Listener(listen or "", tuple(seats), seconds / min(factor, 1.0))
     listener.check([name for name in scene.controllers if name not in scene.in_plant])
     return listener
 
@@ -346,7 +350,7 @@ def simulate(
             "--method": by_method,
         }
         loaded = the_scene(scene, overrides, by_option, untold)
-        there(controllers, loaded)
+        check_controllers(controllers, loaded)
         drawable(names, loaded)
         loaded = configured(loaded, {**overrides, **by_method}, precision, budget)
         printing.run_warnings(loaded, duration)

@@ -13,16 +13,18 @@ import importlib
 import os
 import platform
 import sys
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from copy import copy
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import numba
 from llvmlite import ir
-from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_bitcode
-from numba.core import codegen, event, registry, types
+from llvmlite.binding import Linkage, ModuleRef, newpassmanagers, parse_assembly, parse_bitcode
+from numba.core import cgutils, codegen, event, registry, types
 
 from rig.compiled import kernel_store
 
@@ -33,6 +35,8 @@ Emission = tuple[Any, Callable[..., ir.Value]]
 _ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_store.ROOMS))
 """Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
+UNFILLED_NAME = "UnfilledShape"
+"""Name of the type that stands for the constants to be filled in, and so a part of the names of compiled functions."""
 _OPEN = Linkage.external
 _SHARED = Linkage.linkonce_odr
 _njit: Any = numba.njit  # noqa: TID251
@@ -113,11 +117,21 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     Machine code is made when a function is first asked for by its address. Most kernels are only linked into others:
     numba would make, store and load code of theirs that nothing calls, a fifth of the time of compiling. For the same
     reason a kernel into which others are linked is optimised only before its machine code is made, as a whole.
+
+    A library whose constants are still to be filled in (`by_address`) only has its text: `filled` makes of it what
+    numba would have made for these constants, step by step.
     """
 
     _bitcode: bytes | None = None
     _emitted = True
     _whole = True  # optimised as far as machine code needs
+    unfilled = ""
+    """LLVM's text of a function whose constants are still to be filled in."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)  # type: ignore[no-untyped-call]
+        self._filled: dict[Any, Self] = {}
+        self._stored: tuple[str, str, Any] | None = None
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Self:
@@ -126,6 +140,13 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
             made = codegen.create_library(name)
             made._bitcode = data  # noqa: SLF001
             made._emitted = False  # noqa: SLF001
+            made._finalized = True  # noqa: SLF001
+            return made  # type: ignore[no-any-return]
+        if kind == "unfilled":
+            made = codegen.create_library(name)
+            text, parts = data
+            made.unfilled = zlib.decompress(text).decode()
+            made._linking_libraries = [codegen.unserialize_library(part) for part in parts]  # noqa: SLF001
             made._finalized = True  # noqa: SLF001
             return made  # type: ignore[no-any-return]
         if kind != "object":
@@ -139,9 +160,44 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 
     def serialize_using_object_code(self) -> tuple[str, str, Any]:
         """The form to be stored: without machine code if there is none yet."""
-        if self._emitted:
+        if self._emitted and not self.unfilled:
             return super().serialize_using_object_code()  # type: ignore[no-untyped-call, no-any-return]
-        return self.name, "linked", self._get_module_for_linking().as_bitcode()
+        return self._without_code()
+
+    def _without_code(self) -> tuple[str, str, Any]:
+        if self._stored is None:
+            if self.unfilled:
+                parts = [part._without_code() for part in dict.fromkeys(self._linking_libraries)]  # noqa: SLF001
+                self._stored = self.name, "unfilled", (zlib.compress(self.unfilled.encode(), 1), parts)
+            else:
+                self._stored = self.name, "linked", self._get_module_for_linking().as_bitcode()
+        return self._stored
+
+    def add_ir_module(self, module: ir.Module) -> None:
+        """Add the code of a function; not to LLVM's if its constants are still to be filled in."""
+        if any(UNFILLED_NAME in function.name for function in module.functions):
+            self.unfilled = cgutils.normalize_ir_text(str(module))  # type: ignore[no-untyped-call]
+        else:
+            super().add_ir_module(module)  # type: ignore[no-untyped-call]
+
+    def finalize(self) -> None:
+        """Optimise the library and link it with others, once nothing more has to be filled in."""
+        if self.unfilled:
+            self._finalized = True
+        else:
+            super().finalize()  # type: ignore[no-untyped-call]
+
+    def filled(self, shape: Any) -> Self:
+        """The library that numba would have made for `shape`: with its constants filled in, here and in its parts."""
+        if shape not in self._filled:
+            made: Self = self._codegen.create_library(self.name)  # type: ignore[no-untyped-call]
+            made.enable_object_caching()  # type: ignore[no-untyped-call]
+            made.add_llvm_module(parse_assembly(shape.fill(self.unfilled)))  # type: ignore[no-untyped-call]
+            for part in self._linking_libraries:
+                made.add_linking_library(part.filled(shape) if part.unfilled else part)  # type: ignore[no-untyped-call]
+            made.finalize()
+            self._filled[shape] = made
+        return self._filled[shape]
 
     def _get_module_for_linking(self) -> ModuleRef:
         if self._bitcode is not None:
@@ -155,6 +211,8 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     def get_pointer_to_function(self, name: str) -> int:
         """The address of a function of this library; 0 if it has none of this name."""
         self._ensure_finalized()  # type: ignore[no-untyped-call]
+        if self.unfilled:
+            return 0
         if not self._emitted:
             if name not in {function.name for function in self._final_module.functions}:
                 return 0
@@ -219,11 +277,37 @@ for _kind in (newpassmanagers.ModulePassManager, newpassmanagers.FunctionPassMan
     _kind._dispose = newpassmanagers.NewPassManager._dispose  # noqa: SLF001
 
 
-def _no_extensions() -> None:
-    """Called before a kernel is compiled: no kernel needs the extensions of numba that other packages may have.
+def _before() -> None:
+    """Called before a kernel is compiled. No kernel needs the extensions of numba that other packages may have.
 
     To look for them takes 15 ms. numba still does so before it compiles the code of a user.
     """
+    _inline_without_copies()
+
+
+@cache
+def _inline_without_copies() -> None:
+    """Let numba inline the very code that it has made for one call. It would copy it twice, before and after.
+
+    In each block of a copy it also copies all variables of the function: a fifth of its time for our kernels.
+    """
+    worker: Any = importlib.import_module("numba.core.inline_closurecall").InlineWorker
+
+    def inline_function(self: Any, caller: Any, block: Any, i: int, function: Any, arg_typs: Any = None) -> Any:
+        made = self.run_untyped_passes(function)
+        for own in made.blocks.values():
+            own.__deepcopy__ = partial(_itself, own)
+        try:
+            return self.inline_ir(caller, block, i, made, function.__code__.co_freevars, arg_typs=arg_typs)
+        finally:
+            for own in made.blocks.values():
+                del own.__deepcopy__
+
+    worker.inline_function = inline_function
+
+
+def _itself(block: Any, _: Any) -> Any:
+    return block
 
 
 def _compiled(function: F, addressed: bool = False, **options: Any) -> F:
@@ -232,7 +316,7 @@ def _compiled(function: F, addressed: bool = False, **options: Any) -> F:
     # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
-    dispatcher._compilation_chain_init_hook = _no_extensions  # noqa: SLF001
+    dispatcher._compilation_chain_init_hook = _before  # noqa: SLF001
     FOLDER.keep(dispatcher, not function.__module__.startswith(ROOMS), addressed)
     return dispatcher  # type: ignore[no-any-return]
 
@@ -263,8 +347,36 @@ def inner(function: F) -> F:
 
 
 def by_address(function: F) -> F:
-    """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it."""
-    return _for_kernels(function, addressed=True)  # type: ignore[no-any-return]
+    """Compile an `inner` kernel that others call by its address (rig.solve.specialised); none contains it.
+
+    Its first argument is a shape. numba, which takes most of the time, compiles a kernel with constants once for all of
+    them.
+    """
+    dispatcher: Any = _for_kernels(function, addressed=True)
+    of_numba = dispatcher._compiler.compile  # noqa: SLF001
+
+    def compile(kinds: tuple[Any, ...], result: Any) -> Any:
+        shape, *others = kinds
+        if shape.unfilled is None:
+            return of_numba(kinds, result)
+        general = (shape.unfilled, *others)
+        dispatcher.compile(general)
+        return _for_shape(dispatcher.overloads[general], kinds)
+
+    dispatcher._compiler.compile = compile  # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def _for_shape(general: Any, kinds: tuple[Any, ...]) -> Any:
+    """What numba would have compiled for a shape, from what it has compiled for all of them."""
+    shape = kinds[0]
+    described = copy(general.fndesc)
+    described.argtypes = kinds
+    described.mangled_name = shape.fill(described.mangled_name)
+    described.env_name = shape.fill(described.env_name)
+    library = general.library.filled(shape)
+    signature = general.signature.replace(args=kinds)
+    return general._replace(fndesc=described, library=library, signature=signature, type_annotation="", metadata=None)
 
 
 def inlined(function: F) -> F:

@@ -199,9 +199,10 @@ class _Places(CompileResultCacheImpl):  # type: ignore[misc]
     def reduce(self, data: Any) -> tuple[Any, ...]:
         """The stored form of a kernel, without the environments, empty of constants, of functions linked into it.
 
-        Loading such an environment imports the module of its function, and with it much of numba's compiler.
+        Loading such an environment imports the module of its function, and with it much of numba's compiler. What numba
+        would show, each step of the kernel with its types, is left out as well.
         """
-        *kept, environments = data._reduce()  # noqa: SLF001
+        *kept, environments = data._replace(type_annotation="")._reduce()  # noqa: SLF001
         return (*kept, tuple(environment for environment in environments if environment.consts))
 
 
@@ -243,10 +244,11 @@ class _Kept(FunctionCache):  # type: ignore[misc]
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel, unless the folder cannot be written."""
         if self._folder.keeps:
-            if self._by_address:
+            if self._by_address and not data.library.unfilled:
                 data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
-        vars(data.type_annotation).clear()  # each step of it with its types, 2,000 objects, which only numba would show
+        if data.type_annotation:
+            vars(data.type_annotation).clear()  # each step of it with its types, 2,000 objects
 
 
 @cache

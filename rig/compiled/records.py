@@ -7,6 +7,7 @@ that is itself a record is lent in the same way.
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from collections.abc import Iterator
 from functools import cache
@@ -33,7 +34,10 @@ class Lent(types.Type):  # type: ignore[misc]
     def __init__(self, content: Any, inside: bool = False) -> None:
         self.content = content
         self.inside = inside
-        super().__init__(name=f"Lent{'Inside' if inside else ''}({content})")
+        # The names of compiled functions are made of those of types: written out, this one alone has 12,000 letters.
+        record = content.name.partition("(")[0]
+        digest = hashlib.sha256(content.name.encode()).hexdigest()[:16]
+        super().__init__(name=f"Lent{'Inside' if inside else ''}({record} {digest})")
 
 
 register_model(Lent)(models.OpaqueModel)

@@ -192,7 +192,9 @@ def _free(nominal: float, c: Values, d: Values, gain: float, state: Values, valu
 
 
 def _within(free: float, low: float, high: float) -> float:
-    return low if free < low else high if free > high else free
+    if free < low:
+        return low
+    return high if free > high else free
 
 
 def _cut(given: float, free: float, inverse: float) -> float:
@@ -245,8 +247,11 @@ class LinearController:
 
     def _levels(self, key: str, units: Sequence[str | None], default: Sequence[float]) -> Values:
         """One level for each actuator, in its unit."""
-        given = getattr(self.section, key)
-        levels = tuple(default) if given is None else given * (len(self.drives) if len(given) == 1 else 1)
+        levels = getattr(self.section, key)
+        if levels is None:
+            levels = tuple(default)
+        elif len(levels) == 1:
+            levels = levels * len(self.drives)
         values = []
         for level, drive, unit in zip(levels, self.drives, units):
             if isinstance(level, str) and unit is None:

@@ -89,7 +89,10 @@ def law(p: Band, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values
     if t_ns >= enable_ns:
         for k, z in zip(fed_back, modes):
             u -= k.real * z.real + k.imag * z.imag
-        u = -limit if u < -limit else limit if u > limit else u
+        if u < -limit:
+            u = -limit
+        elif u > limit:
+            u = limit
     return mapped(modes, _advanced, (u,), modes, poles, driven), (u,)
 
 

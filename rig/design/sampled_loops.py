@@ -168,8 +168,10 @@ class _LoopInPeriod:
         """The names of the states of z behind those of the rig, for one loop."""
         yield from (f"sensor {i}" for i in range(len(self.out)))
         yield "command"
-        yield from (f"command under way {i}" for i in range(sum(value.wait for value in self.commands)))
-        yield from (f"sample under way {i}" for i in range(sum(value.wait for value in self.samples)))
+        commands = sum(value.wait for value in self.commands)
+        samples = sum(value.wait for value in self.samples)
+        yield from (f"command under way {i}" for i in range(commands))
+        yield from (f"sample under way {i}" for i in range(samples))
         yield from (f"controller {i}" for i in range(len(self.controller[0])))
 
 

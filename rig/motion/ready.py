@@ -226,8 +226,9 @@ def carried_state(system: System, old: System, x: Array) -> Array:
     """
     values = dict(zip(old.names, x.tolist()))
     kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
-    for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
-        row = system.kept[name]
+    for name, row in system.kept.items():  # in their order: each starts from what those before it gave
+        if name not in old.kept or name not in system.names:
+            continue
         at = system.names.index(name)
         kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
     return kept

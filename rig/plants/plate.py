@@ -73,13 +73,13 @@ class Parameters(Noisy):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        there = [name for name in SliderTables._fields if getattr(self, name) is not None]
-        missing = [f"[{name}]" for name in SliderTables._fields if name not in there]
-        if there and missing:
+        given = [name for name in SliderTables._fields if getattr(self, name) is not None]
+        missing = [f"[{name}]" for name in SliderTables._fields if name not in given]
+        if given and missing:
             raise ValueError(
-                f"[{there[0]}] also needs {', '.join(missing)}; a plate without a slider has none of these"
+                f"[{given[0]}] also needs {', '.join(missing)}; a plate without a slider has none of these"
             )
-        if there and self.foam is None:
+        if given and self.foam is None:
             raise ValueError("[slider] needs [foam], which carries the load of the slider")
         faults = list(self._misplaced())
         if faults:

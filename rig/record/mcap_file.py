@@ -100,7 +100,7 @@ CRC = "crc32"
 DIGEST = "digest"
 
 
-class Found(NamedTuple):
+class FileRecord(NamedTuple):
     """A record from byte `begin` to `end`; `body`: the record as parsed by mcap, or the content of a chunk; None if
     unusable.
     """
@@ -151,7 +151,7 @@ class Messages(NamedTuple):
             yield self.content[begin:end]
 
 
-def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
+def walk(data: Data, at: int = 0) -> Iterator[FileRecord | Hole]:
     """Yield every record of `data` from byte `at` on and every hole between them, in order; magic bytes are not
     records.
     """
@@ -219,34 +219,34 @@ def _next(data: Data, at: int) -> int:
     return len(data)
 
 
-def _hole(data: Data, begin: int, end: int, what: str, cut: bool = False) -> Iterator[Found | Hole]:
+def _hole(data: Data, begin: int, end: int, what: str, cut: bool = False) -> Iterator[FileRecord | Hole]:
     """The damaged part between two places, and the chunks in it whose content is intact."""
     at = begin
     while (at := data.find(_FRAME, at, end)) >= 0:
         if (content := _content(data, at, end)) is not None:
             yield Hole(begin, end, what or "the frame of a chunk")
-            yield Found(begin, end, Opcode.CHUNK, content)
+            yield FileRecord(begin, end, Opcode.CHUNK, content)
             return
         at += 1
     yield Hole(begin, end, what, cut)
 
 
-def _read(data: Data, at: int, opcode: int, end: int) -> Found | None:
+def _read(data: Data, at: int, opcode: int, end: int) -> FileRecord | None:
     """A valid record; None if its own checksum or its text shows damage."""
     body = at + _HEAD.size
     if opcode == Opcode.CHUNK:
         content = _chunk(data, body, end)
-        return None if content is None else Found(at, end, opcode, content)
+        return None if content is None else FileRecord(at, end, opcode, content)
     kind = _KINDS.get(opcode)
     if kind is None:
-        return Found(at, end, opcode, None)
+        return FileRecord(at, end, opcode, None)
     raw = data[body:end]
     if opcode == Opcode.ATTACHMENT:
         (crc,) = struct.unpack_from("<I", raw, len(raw) - 4)
         if crc not in (0, zlib.crc32(raw[:-4])):
             return None
     try:
-        return Found(at, end, opcode, kind.read(_Stream(raw)))
+        return FileRecord(at, end, opcode, kind.read(_Stream(raw)))
     except (UnicodeDecodeError, struct.error, EOFError):
         return None
 

@@ -34,7 +34,7 @@ from rig.record.mcap_file import (
     MAGIC,
     PROFILE,
     Data,
-    Found,
+    FileRecord,
     Hole,
     Messages,
     checksum,
@@ -107,7 +107,7 @@ def summary_start(data: Data) -> int | None:
     """Begin of the summary section, if its checksum proves it; else None."""
     at = len(data) - _FOOTER - len(MAGIC)
     record = next(walk(data, at), None) if at > 0 else None
-    if not isinstance(record, Found) or not isinstance(record.body, Footer):
+    if not isinstance(record, FileRecord) or not isinstance(record.body, Footer):
         return None
     start = _shifted(data, at, record.body)
     crc = record.body.summary_crc
@@ -211,7 +211,7 @@ class Scan:
         self._statistics: Statistics | None = None
         self._indexed = False
         """Whether the summary section exists and is intact."""
-        self._end: Found | None = None
+        self._end: FileRecord | None = None
         self._footer = False
         self._digest_at = -1
         self._header: Header | None = None
@@ -265,7 +265,7 @@ class Scan:
         start = summary_start(data)
         self._indexed = start is not None
         for part in walk(data, start) if start is not None else ():
-            body = part.body if isinstance(part, Found) else None
+            body = part.body if isinstance(part, FileRecord) else None
             if isinstance(body, Statistics):
                 self._statistics = body
                 return
@@ -334,7 +334,7 @@ class Scan:
             what = "the index at its end"
         self.skipped.append(Skipped(hole.begin, hole.end, what, self.last_ns))
 
-    def _note(self, part: Found) -> None:
+    def _note(self, part: FileRecord) -> None:
         body = part.body
         if isinstance(body, Footer):
             self._footer = True

@@ -116,7 +116,7 @@ def runs(
     return sorted(listed, key=lambda of: (of.contents is None, of.contents.began_ns if of.contents else 0, of.path))
 
 
-def one(path: Path) -> Listed:
+def of_file(path: Path) -> Listed:
     """The recording `path` as it would be in a list; it is read, and no index is made. Raises LogError if it is no
     recording; one that was cut off is.
     """

@@ -101,8 +101,8 @@ def samples(run: Run, name: str, unit: str) -> Samples:
         raise UsageError(f"{name} is in {known[name] or 'an unknown unit'}, not in {unit}")
     plain = name.removeprefix(TRUE).removeprefix(MEASURED)
     whole = run.measurements[plain] if plain == name and name in run.measurements else run.recorded(plain)
-    there = np.isfinite(whole.v)
-    present = Samples(whole.t_ns[there], whole.v[there])
+    finite = np.isfinite(whole.v)
+    present = Samples(whole.t_ns[finite], whole.v[finite])
     if present.t_ns.size < 2:
         raise UsageError(f"{name} has {counted(present.t_ns.size, 'sample')}")
     if not increasing(present.t_ns):

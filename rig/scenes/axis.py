@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from rig.errors import SceneError
-from rig.printable import with_unit
+from rig.printable import counted, with_unit
 from rig.results import Column
 from rig.scenes.belief import varied
 from rig.scenes.faults import near, shortened, shown, unit_of
@@ -102,7 +102,7 @@ class Axis:
         faults = [] if key in known else [unknown(key, known, scene)]
         steps = np.diff(along)
         if not 2 <= len(along) <= MOST:
-            faults.append(f"{len(along)} values: must be from 2 to {MOST}")
+            faults.append(f"{counted(len(along), 'value')}: must be from 2 to {MOST}")
         elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             faults.append("values must rise or fall throughout")
         if faults:
@@ -153,7 +153,12 @@ class Axis:
 
     def text(self, value: float, digits: int = 6) -> str:
         """Return a value (SI) as text in the unit `shown`."""
-        return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
+        return f"{value / self.scale:.{digits}g} {self.shown_unit}".rstrip()
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit `shown` beside a number; "" for one without a unit."""
+        return "" if self.shown == "1" else self.shown
 
     @property
     def label(self) -> str:

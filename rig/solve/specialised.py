@@ -6,12 +6,16 @@ of the compiled code: loops are unrolled and the state stays in registers. Such 
 `Shape`. The general code calls it through a pointer, once per stretch of ticks (3 ns). The large *parts* of the general
 code call each other in the same way. So no part is compiled again inside its caller, and parts that a rig does not need
 are not compiled at all.
+
+numba, which takes most of the time of compiling, compiles a specialised kernel once, for `UNFILLED`: the constants of
+a shape are filled into the text that it hands to LLVM (rig.compiled.kernel), which then makes of it what it would have
+made of a text for this shape alone.
 """
 
 from __future__ import annotations
 
-import functools
-import operator
+import math
+import re
 from typing import Any
 
 from llvmlite import ir
@@ -19,9 +23,12 @@ from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.extending import intrinsic, register_model
 
-from rig.compiled.kernel import Emission
+from rig.compiled.kernel import UNFILLED_NAME, Emission
 
 ROWS = 8
+_WORD = ir.IntType(64)
+_FLAG = ir.IntType(1)
+_CONSTANT = re.compile(r"<(?:(\d+) (\d+)|(products|nonlinear))>")
 
 
 class KernelShape(types.Type):  # type: ignore[misc]
@@ -36,10 +43,54 @@ class KernelShape(types.Type):  # type: ignore[misc]
         self.nonlinear = nonlinear
         super().__init__(name=f"Shape({states}, {products}, {nonlinear})")
 
+    @property
+    def unfilled(self) -> KernelShape | None:
+        """The shape for which numba compiles a kernel of this shape; None: for itself."""
+        return UNFILLED if self.states else None
+
+    def whole(self, factor: int = 1, power: int = 1) -> ir.Constant:
+        """The constant factor states^power."""
+        return ir.Constant(_WORD, factor * self.states**power)
+
+    def flag(self, name: str) -> ir.Constant:
+        """The constant `name`, products or nonlinear."""
+        return ir.Constant(_FLAG, getattr(self, name))
+
+    def fill(self, text: str) -> str:
+        """LLVM's text of a kernel for UNFILLED, or a name in it, with the constants of this shape."""
+
+        def constant(which: re.Match[str]) -> str:
+            factor, power, name = which.groups()
+            return str(int(factor) * self.states ** int(power)) if factor else str(getattr(self, name)).lower()
+
+        name = f"Shape_{self.states}_{self.products:d}_{self.nonlinear:d}"
+        return _CONSTANT.sub(constant, text).replace(UNFILLED_NAME, name)
+
+
+class _Unfilled(KernelShape):
+    """The shape whose constants are names that `fill` replaces."""
+
+    unfilled = None
+
+    def __init__(self) -> None:
+        types.Type.__init__(self, name=UNFILLED_NAME)
+        self.states = -1
+
+    def whole(self, factor: int = 1, power: int = 1) -> ir.Constant:
+        """The name of the constant factor states^power."""
+        return ir.FormattedConstant(_WORD, f"<{factor} {power}>")
+
+    def flag(self, name: str) -> ir.Constant:
+        """The name of the constant `name`."""
+        return ir.FormattedConstant(_FLAG, f"<{name}>")
+
 
 register_model(KernelShape)(models.OpaqueModel)
+register_model(_Unfilled)(models.OpaqueModel)
 ANY = KernelShape(0, products=True, nonlinear=True)
 """The shape of code that serves all rigs."""
+UNFILLED = _Unfilled()
+"""The shape for which numba compiles a specialised kernel once."""
 
 
 def _any_shape(typing: Any, n: Any) -> Emission:
@@ -59,7 +110,7 @@ def _state_count(typing: Any, shape: Any) -> Emission:
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if shape.states:
-            return context.get_constant(types.intp, shape.states)
+            return shape.whole()
         return builder.ptrtoint(arguments[0], context.get_value_type(types.intp))
 
     return types.intp(shape), codegen
@@ -84,7 +135,7 @@ def _has_products(typing: Any, shape: Any) -> Emission:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
-        return context.get_constant(types.boolean, shape.products)
+        return shape.flag("products")
 
     return types.boolean(shape), codegen
 
@@ -96,7 +147,7 @@ def _is_nonlinear(typing: Any, shape: Any) -> Emission:
     """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
-        return context.get_constant(types.boolean, shape.nonlinear)
+        return shape.flag("nonlinear")
 
     return types.boolean(shape), codegen
 
@@ -110,38 +161,40 @@ def _local(typing: Any, shape: Any, like: Any) -> Emission:
     The compiler keeps it in registers, like a local array in C. If the number of states is unknown at compile time,
     `like` itself is returned.
     """
-    return _on_stack(shape, like, ROWS)
+    return _on_stack(shape, like, (ROWS, 0))
 
 
 def _local_stages(typing: Any, shape: Any, like: Any) -> Emission:
     """As `local`, with twice as many rows."""
-    return _on_stack(shape, like, 2 * ROWS)
+    return _on_stack(shape, like, (2 * ROWS, 0))
 
 
 def _local_square(typing: Any, shape: Any, like: Any) -> Emission:
     """As `local`, for a matrix over the states."""
-    return _on_stack(shape, like, shape.states)
+    return _on_stack(shape, like, (1, 1))
 
 
-def _on_stack(shape: Any, like: Any, rows: int) -> Emission:
+def _on_stack(shape: Any, like: Any, rows: tuple[int, int]) -> Emission:
+    """`rows`: factor and power of the number of states, which together are the length of all axes but the last."""
     kind = types.Array(like.dtype, like.ndim, "C")
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if not shape.states:
             return arguments[1]
-        lengths = [rows] * (like.ndim - 1) + [shape.states]
-        count = functools.reduce(operator.mul, lengths)
+        lengths = [rows] * (like.ndim - 1) + [(1, 1)]
+
+        def product(these: list[tuple[int, int]], factor: int = 1) -> ir.Constant:
+            return shape.whole(math.prod((factor, *(own for own, _ in these))), sum(power for _, power in these))
+
         double = context.get_data_type(like.dtype)
-        data = cgutils.alloca_once(builder, double, size=count)  # type: ignore[no-untyped-call]
+        data = cgutils.alloca_once(builder, double, size=product(lengths))  # type: ignore[no-untyped-call]
         array = context.make_array(kind)(context, builder)
-        whole = functools.partial(context.get_constant, types.intp)
-        strides = [8 * functools.reduce(operator.mul, lengths[axis + 1 :], 1) for axis in range(like.ndim)]
         context.populate_array(
             array,
             data=data,
-            shape=[whole(length) for length in lengths],
-            strides=[whole(stride) for stride in strides],
-            itemsize=whole(8),
+            shape=[product([length]) for length in lengths],
+            strides=[product(lengths[axis + 1 :], 8) for axis in range(like.ndim)],
+            itemsize=ir.Constant(_WORD, 8),
             meminfo=None,
         )
         return array._getvalue()  # noqa: SLF001

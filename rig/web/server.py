@@ -73,7 +73,7 @@ class Server:
         self.bench = Bench(folder, say)
         self._say = say
         try:
-            self.share = Share(share, self.bench) if share else None
+            self.share = Share(share, self.bench) if share is not None else None
         except UsageError:
             self._socket.close()
             raise
@@ -149,7 +149,7 @@ def serve(
         import resource
 
         allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-        least = OPEN_FILES + (CONNECTIONS if share else 0)
+        least = OPEN_FILES + (CONNECTIONS if share is not None else 0)
         if 0 <= allowed < least:
             raise UsageError(f"rig web needs {least} open files; {MORE_FILES} (the limit is {allowed})")
     asked = threading.Event()

@@ -41,7 +41,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.exceptions import InvalidState
 
 from rig.bus.certificates import Authority
-from rig.bus.tickets import check_place
+from rig.bus.place import check_place
 from rig.errors import UsageError
 from rig.extras import check
 from rig.web.app import PAGE, Bench, body_of, guarded, look, stream
@@ -198,15 +198,16 @@ class Share:
         self._socket.bind(address)
         self._socket.listen(128)
         self.token = secrets.token_urlsafe(12)
+        place, numbers = (f"[{at}]:{port}" if ":" in at else f"{at}:{port}" for at in (host, numeric))
         self.address = f"https://{place}/?token={self.token}"
         own = Authority("friction-rig class").server(*dict.fromkeys((host, numeric)))
         self.fingerprint = own.fingerprint
         self.broadcast = Broadcast(HISTORY, SPACED_S)
         self.authority = own.certificate
         """The certificate in PEM, for a program that checks it."""
-        hosts = {place, f"{numeric}:{port}"}
+        gate = Gate({place, numbers}, "https", self.token)
         config = uvicorn.Config(
-            Door(watching(bench, self.broadcast), Gate(hosts, "https", self.token), f"class-{port}", self._socket),
+            Door(watching(bench, self.broadcast), gate, f"class-{port}", self._socket),
             access_log=False,
             log_level="critical",
             lifespan="off",

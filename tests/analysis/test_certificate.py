@@ -4,20 +4,23 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.robust.certificate import Examination
-from rig.analysis.robust.growth import Growth
-from rig.analysis.robust.proof import BOXES, PROVED, REFUTED, UNDECIDED, examined
+from rig.analysis.robust.certificate import Examination, NoProof
+from rig.analysis.robust.growth import Growth, Matrix
+from rig.analysis.robust.search import PARTS, PROVED, REFUTED, UNDECIDED, examined
 from rig.analysis.robust.stated import box
 
 
-def certify(matrix, count, *stated, most=BOXES, **more):
+def certify(matrix, count, *stated, most=PARTS, period=0.0, **more):
     """What is known of the unit cube of matrix(u [count]), examined in this process."""
-    examination = Examination(matrix, count, *stated, **more)
 
-    def divided(parts, each):
-        return [examination.divided(*part[2:], each) for part in parts]
+    def ask(parts):
+        try:
+            examination = Examination(lambda u: Matrix(matrix(u), period), count, *stated, **more)
+        except NoProof as fault:
+            return [{"why": str(fault)}]
+        return [examination.examined(*part[2:]) for part in parts]
 
-    return examined(divided, [np.array([np.zeros(count), np.ones(count)])], 0.0, most)
+    return examined(ask, [np.array([np.zeros(count), np.ones(count)])], 0.0, most)
 
 
 def oscillator(damping, stiffness=1.0):

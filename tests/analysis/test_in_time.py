@@ -10,7 +10,7 @@ from robust_scenes import BELT, SHUNT, STACK
 
 import rig as lab
 from rig.analysis import robust
-from rig.analysis.robust import design, in_time, least_knock
+from rig.analysis.robust import design, in_time, knocked
 from rig.analysis.robust.envelope import envelope, of_rates, slope
 from rig.analysis.robust.growth import MODES
 from rig.bench.again.verify import verify
@@ -36,9 +36,7 @@ def growing(belt_damping, mu_static, mu_dynamic, speed):
 
 @pytest.mark.parametrize("damping", [2.0, 45.0])
 def test_the_belt_grows_and_decays_in_time_as_the_closed_form(damping, monkeypatch):
-    monkeypatch.setattr(
-        in_time, "least_knocks", lambda growth, cases, *_: [least_knock.Least(0.0, 0.0, "")] * len(cases)
-    )
+    monkeypatch.setattr(in_time, "least_knocks", lambda growth, cases, *_: [knocked.Least(0.0, 0.0, "")] * len(cases))
     found = proved("belt", None, against=BELT, overrides={"body.damping": damping})
     nominal, worst = found.timed
     assert (nominal.rig, worst.rig) == ("nominal", "worst")
@@ -52,9 +50,7 @@ def test_the_belt_grows_and_decays_in_time_as_the_closed_form(damping, monkeypat
 
 def test_a_flutter_pair_whose_other_mode_has_the_same_frequency_grows_as_its_eigenvalue(monkeypatch):
     """The filter needs seconds until the other mode has gone: the knock is small enough for that."""
-    monkeypatch.setattr(
-        in_time, "least_knocks", lambda growth, cases, *_: [least_knock.Least(0.0, 0.0, "")] * len(cases)
-    )
+    monkeypatch.setattr(in_time, "least_knocks", lambda growth, cases, *_: [knocked.Least(0.0, 0.0, "")] * len(cases))
     nominal, worst = proved("two_dof", None, against={"friction.mu": "+-20 %"}).timed
     assert (nominal.expected, worst.expected) == pytest.approx((0.17997, 0.410617), abs=1e-5)
     assert (nominal.growth, worst.growth) == pytest.approx((nominal.expected, worst.expected), rel=1e-3)
@@ -66,7 +62,7 @@ def test_the_least_knock_by_bisection_is_that_of_the_unstable_cycle(monkeypatch)
     """At 0.2 m/s the belt with 8 N s/m slides or sticks and slips (rig branches --threshold: 0.8547 N s)."""
     given = {"against": {"drive.speed": "+-2 %"}, "overrides": {"body.damping": 8.0, "drive.speed": 0.2}}
     by_branch = proved("belt", None, **given).timed
-    monkeypatch.setattr(least_knock, "by_branches", lambda *_: (math.nan, "left out"))
+    monkeypatch.setattr(knocked, "by_branches", lambda *_: (math.nan, "left out"))
     by_runs = proved("belt", None, **given).timed
     for exact, halved in zip(by_branch, by_runs):
         assert exact.least.how == "unstable cycle along drive.speed"
@@ -79,14 +75,14 @@ def test_the_least_knock_by_bisection_is_that_of_the_unstable_cycle(monkeypatch)
 
 def test_where_every_knock_comes_back_the_report_says_so_and_what_is_kept_is_not_run_again(monkeypatch):
     """Static and dynamic friction are equal: nothing feeds a vibration. A limit of the scene ends large ones."""
-    monkeypatch.setattr(least_knock, "SIZES", (0.0625, 32.0))
-    monkeypatch.setattr(least_knock, "EXACT", 0.5)
+    monkeypatch.setattr(knocked, "SIZES", (0.0625, 32.0))
+    monkeypatch.setattr(knocked, "EXACT", 0.5)
     against = {"against": {"drive.speed": "+-2 %"}}
     even = {"body.damping": 20.0, "friction.mu_static": 0.18}
     limited = proved("belt", None, **against, overrides=even)
     assert "beyond it a limit of the scene ends the run (displacement" in limited.timed[0].least.how
     given = {**against, "overrides": {**even, "limits.displacement": "10 m"}}
-    whole_run = least_knock.away
+    whole_run = knocked.away
     sizes = []
 
     def interrupted(case, size):
@@ -95,7 +91,7 @@ def test_where_every_knock_comes_back_the_report_says_so_and_what_is_kept_is_not
             raise KeyboardInterrupt
         return whole_run(case, size)
 
-    monkeypatch.setattr(least_knock, "away", interrupted)
+    monkeypatch.setattr(knocked, "away", interrupted)
     with pytest.raises(KeyboardInterrupt):
         proved("belt", None, **given)
     monkeypatch.setattr(in_time, "in_time", None)
@@ -108,7 +104,7 @@ def test_where_every_knock_comes_back_the_report_says_so_and_what_is_kept_is_not
     assert table[0]["growth in time"] == pytest.approx(-2.0, rel=1e-3)
     assert len(sizes) == 9  # four searches of two sizes, one of them interrupted
     json.dumps(found.to_json(), allow_nan=False)
-    monkeypatch.setattr(least_knock, "away", None)
+    monkeypatch.setattr(knocked, "away", None)
     assert proved("belt", None, **given).text() == text
 
 

@@ -7,7 +7,7 @@ from robust_scenes import LOOPED
 
 import rig as lab
 from rig.analysis import robust
-from rig.analysis.robust import design, in_time, least_knock
+from rig.analysis.robust import design, in_time, knocked
 from rig.analysis.robust.growth import LOOP
 from rig.bench.again.verify import verify
 
@@ -26,9 +26,7 @@ def proved(over, **more):
 
 def test_the_worst_rig_of_a_loop_decays_in_lockstep_as_its_eigenvalue(monkeypatch):
     """The controller is told neither of friction nor of the speed of the worst rig."""
-    monkeypatch.setattr(
-        in_time, "least_knocks", lambda growth, cases, *_: [least_knock.Least(0.0, 0.0, "")] * len(cases)
-    )
+    monkeypatch.setattr(in_time, "least_knocks", lambda growth, cases, *_: [knocked.Least(0.0, 0.0, "")] * len(cases))
     found = proved(None, against=LOOPED, overrides={"controllers.nf.gain": 613.456})
     assert [run.how for run in found.timed] == ["lockstep", "lockstep"]
     assert [run.rig for run in found.timed] == ["nominal", "worst"]

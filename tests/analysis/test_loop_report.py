@@ -80,7 +80,7 @@ def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
     found = report(scene, "nf", bus=0.4e-3)
     items = {one.part: one for one in found.items}
     assert items["link meas/vibrometer"].seconds == pytest.approx(mean_age(scene.network.meas["vibrometer"], MS) * 1e-3)
-    omega = abs(found.found.spectrum.rates[0].imag)
+    omega = abs(found.loop.spectrum.rates[0].imag)
     assert items["lag of load.force"].seconds == pytest.approx(math.atan(omega * 5e-3) / omega)
     assert items["lag of load.force"].origin == "load.lag (user)"
     assert items["bus of a paced run"].origin == "0.4 ms, measured: 1 frame"

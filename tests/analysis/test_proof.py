@@ -12,10 +12,9 @@ from rig.analysis.linear.all_loops import closed_rates
 from rig.analysis.robust import certificate, design
 from rig.analysis.robust.certificate import Examination, Polynomial, products
 from rig.analysis.robust.growth import LOOP, MODES
-from rig.analysis.robust.job import prepared
-from rig.analysis.robust.proof import PROVED, REFUTED, UNDECIDED, proved
 from rig.analysis.robust.result import RobustResult
-from rig.analysis.robust.search import find
+from rig.analysis.robust.search import PROVED, REFUTED, UNDECIDED, find, proved
+from rig.analysis.robust.stated import prepared
 from rig.errors import UsageError
 
 BELT = {"friction.mu_static": "+-10 %", "drive.speed": "+-10 %"}
@@ -69,16 +68,16 @@ def near_the_limit(folder):
 
 def test_a_proof_that_was_interrupted_goes_on_from_its_folder(tmp_path, small, monkeypatch):
     units = []
-    divided = Examination.divided
+    examine = Examination.examined
     stops = [3]
 
-    def counted(examination, low, high, most):
+    def counted(examination, low, high):
         units.append((*low, *high))
         if len(units) in stops:
             raise KeyboardInterrupt
-        return divided(examination, low, high, most)
+        return examine(examination, low, high)
 
-    monkeypatch.setattr(Examination, "divided", counted)
+    monkeypatch.setattr(Examination, "examined", counted)
     job, found = near_the_limit(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         proved(job, found, tmp_path, 1)

@@ -7,8 +7,8 @@ import pytest
 
 import rig as lab
 from rig.analysis.robust import design
-from rig.analysis.robust.job import prepared
 from rig.analysis.robust.series import SERIES, decade, near
+from rig.analysis.robust.stated import prepared
 from rig.errors import UsageError
 
 DAMPING = {"body.damping": "8 N*s/m:20 N*s/m"}

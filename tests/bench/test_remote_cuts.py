@@ -16,8 +16,8 @@ import rig
 from rig import bus, scenes
 from rig.bench.again.verify import verify
 from rig.bench.live.plant_process import warm
-from rig.bus import tickets
 from rig.bus.certificates import Authority
+from rig.bus.place import parted
 
 pytestmark = pytest.mark.slow
 
@@ -213,7 +213,7 @@ def test_strangers_are_not_let_in_and_the_plant_does_not_notice(runs, cable, els
     """Its memory grows as in a minute without them; those who are in stay, and their tickets open the seats again."""
     going, controller, recorder = _joined(cable, elsewhere, tmp_path, duration=3600.0)
     plant = going.process("rig.bench.live.plant_process")
-    strangers = Strangers(tickets.parted(going.endpoint), tmp_path)
+    strangers = Strangers(parted(going.endpoint), tmp_path)
     time.sleep(10.0)
     alone, _ = _grown(plant, lambda: time.sleep(50.0))
     beside, files = _grown(plant, strangers.knock)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import socket
 import sys
 import threading
@@ -16,6 +17,7 @@ from relay import Relay
 
 from rig import bus
 from rig.bus import certificates, contact, run_setup, tickets
+from rig.bus.place import parted
 from rig.bus.run_setup import Setup
 from rig.bus.tickets import Listener
 from rig.errors import BusError, UsageError
@@ -192,7 +194,7 @@ def test_a_wrong_password_is_told(hosted, tmp_path):
 
 def test_a_ticket_of_a_run_that_has_ended(hosted, tmp_path):
     old = _altered(hosted, tmp_path)
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     hosted.close()
     with pytest.raises(BusError, match=rf"nobody listens at 127.0.0.1:{port}: the run far has ended, or not begun"):
         _join(old)
@@ -226,7 +228,7 @@ def test_another_program_at_the_address(hosted, tmp_path):
 
 
 def test_a_name_that_the_certificate_lacks(hosted, tmp_path):
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     with pytest.raises(BusError, match=rf"the run at localhost:{port} does not name localhost: use the address that"):
         _join(_altered(hosted, tmp_path, endpoint=f"tls/localhost:{port}"))
 
@@ -235,6 +237,31 @@ def test_a_ticket_that_others_can_read(hosted):
     hosted.ticket().chmod(0o644)
     with pytest.raises(BusError, match=r"can be read by others \(its mode is 644\), and holds a key: chmod 600 .*nf"):
         _join(hosted.ticket())
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("pipe", "it is not a regular file"),
+        ("folder", "it is a folder"),
+        ("huge", "it is larger than 1 MiB, the largest size that is read"),
+        ("binary", "it is no text"),
+        ("missing", "No such file or directory"),
+    ],
+)
+def test_what_is_no_file_of_text(kind, why, tmp_path):
+    path = tmp_path / kind
+    if kind == "pipe":
+        os.mkfifo(path, 0o600)
+    elif kind == "folder":
+        path.mkdir(0o700)
+    elif kind != "missing":
+        path.touch(0o600)
+        path.write_bytes(b"\xff" * 1000)
+    if kind == "huge":
+        os.truncate(path, 1 << 32)
+    with pytest.raises(BusError, match=rf"the ticket .*{kind} cannot be read: {why}$"):
+        tickets.read(path)
 
 
 @pytest.mark.parametrize("text", ["", "{}", "not JSON", "\n", "[" * 100_000], ids=len)
@@ -356,7 +383,7 @@ def test_a_plant_that_has_said_farewell_is_not_gone(hosted):
 
 def test_a_seat_that_was_lost_is_not_taken_back(hosted, tmp_path):
     """The connection of the first holder breaks, the second one takes the seat, and the way is free again."""
-    relay = Relay(tickets.parted(hosted.listener.endpoint))
+    relay = Relay(parted(hosted.listener.endpoint))
     endpoint = f"tls/127.0.0.1:{relay.port}"
     watch = hosted.session.watch("controller/*")
     try:
@@ -393,7 +420,7 @@ def _takes(session):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such time")
 def test_a_connection_with_a_host_that_vanishes_ends_with_the_lease(hosted):
     """Each connection that the plant has by TLS, and the one that listens; nobody else's."""
-    port = tickets.parted(hosted.listener.endpoint)[1]
+    port = parted(hosted.listener.endpoint)[1]
     times = {}
     with _join(hosted.ticket()) as session:
         run_setup.fetch(session)
@@ -457,10 +484,19 @@ def test_a_loss_says_what_this_computer_has_to_do_with_it(slept, address, why, a
         ("tls/127.0.0.1", r"expected tls/HOST:PORT"),
         ("tls/127.0.0.1:http", r"expected tls/HOST:PORT"),
         ("tls/0.0.0.0:7450", r"name the one address or name of this host"),
-        ("tls/[::]:7450", r"name the one address or name of this host"),
+        ("tls/0:7450", r"name the one address or name of this host"),
+        ("tls/127.1:7450", r"certificates need the whole address; write 127.0.0.1"),
+        ("tls/2130706433:7450", r"certificates need the whole address; write 127.0.0.1"),
+        ("tls/[127.0.0.1]:7450", r"an IPv6 address stands in brackets, .*, and no other host"),
+        ("tls/*:7450", r"\* is no name and no address of a host"),
+        ("tls//127.0.0.1:7450", r"/127.0.0.1 is no name and no address of a host"),
+        ("tls/127.0.0.1:७४५०", r"expected tls/HOST:PORT"),
+        ("tls/224.0.0.1:7450", r"; give an address of this host"),
+        ("tls/255.255.255.255:7450", r"; give an address of this host"),
         ("tls/127.0.0.1:443", r"the port must be 1024 to 65535; those below belong to the system"),
         ("tls/127.0.0.1:70000", r"the port must be 1024 to 65535"),
-        ("tls/[::1]:7450", r"processes cannot join at an IPv6 address|Cannot assign requested address"),
+        ("tls/[::1]:7450", r"processes cannot join at an IPv6 address; give a name or an IPv4 address"),
+        ("tls/::1:7450", r"processes cannot join at an IPv6 address; give a name or an IPv4 address"),
         ("tls/192.0.2.7:7450", r"Cannot assign requested address; give an address of this host"),
         ("tls/no.such.name.invalid:7450", r"no address is known for the name no.such.name.invalid"),
     ],
@@ -469,6 +505,14 @@ def test_where_nobody_can_listen(endpoint, why):
     with pytest.raises(UsageError, match=why) as told:
         Listener(endpoint, ("nf",)).check(["nf"])
     assert str(told.value).startswith(f"--listen {endpoint}: ")
+
+
+def test_a_name_that_means_another_address_to_the_others(monkeypatch):
+    """Debian gives the name of a host an address of loopback."""
+    resolved = [(socket.AF_INET, 1, 6, "", ("127.0.1.1", 7450))]
+    monkeypatch.setattr("rig.bus.place.socket.getaddrinfo", lambda *_, **__: resolved)
+    with pytest.raises(UsageError, match=r"the name plant means 127.0.1.1, which no other host reaches; give its addr"):
+        Listener("tls/plant:7450", ("nf",)).check(["nf"])
 
 
 def test_an_address_in_use_and_a_seat_that_is_not_there(runs):
@@ -484,3 +528,5 @@ def test_an_address_in_use_and_a_seat_that_is_not_there(runs):
         UsageError, match="--tickets fn: the run has no such seat; it has nf, recorder, viewer, operator"
     ):
         Listener("tls/127.0.0.1:7450", ("fn",)).check(["nf"])
+    with pytest.raises(UsageError, match="--tickets nf: named twice; a seat has one ticket and one holder"):
+        Listener("tls/127.0.0.1:7450", ("nf", "viewer", "nf")).check(["nf"])

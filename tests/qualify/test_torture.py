@@ -12,7 +12,7 @@ from rig.qualify import torture
 from rig.qualify.torture import trial
 from rig.qualify.torture.case import each, load, read, watched
 from rig.qualify.torture.cells import cells
-from rig.qualify.torture.results import Found, judge
+from rig.qualify.torture.results import RunOutcome, judge
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
@@ -138,11 +138,11 @@ def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
 
 def test_results():
     case = load("stick_below_limit")
-    good = Found(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
+    good = RunOutcome(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
     assert judge(case, good, good).colour == "green"
 
     def told(**changes):
-        found = judge(case, Found(**({"events": good.events, "count": 2} | changes)), good)
+        found = judge(case, RunOutcome(**({"events": good.events, "count": 2} | changes)), good)
         return found.colour, found.reason
 
     assert told(not_finite=1) == ("red", "NaN")
@@ -161,8 +161,8 @@ def test_results():
 
 def test_what_comes_at_one_instant_may_come_in_any_order():
     case = load("two_at_once")
-    one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
-    other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
+    one = RunOutcome(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
+    other = RunOutcome(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
     assert judge(case, other, one).colour == "green"
 
 

@@ -21,7 +21,7 @@ from rig.errors import UsageError
 from rig.model.formulation import assemble
 from rig.model.system import System
 from rig.qualify.torture.case import Case, Watched
-from rig.qualify.torture.results import Found, OutOfTime
+from rig.qualify.torture.results import OutOfTime, RunOutcome
 from rig.solve.records import OPEN, STICK
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def _sign(free: _Free, step: float) -> Step:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the motion may diverge; the result states it
-def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
+def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_ns: int, seconds: float) -> RunOutcome:
     """Simulate the case by one of these methods. Raises UsageError if the method cannot treat the rig, OutOfTime."""
     if case.acts:
         raise UsageError("follows no commands")
@@ -101,7 +101,7 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
     on = way(_Free(system, scene.clock.smoothing), step)
     states = np.zeros((ticks + 1, system.n))
     states[0] = system.start
-    outcome = Found()
+    outcome = RunOutcome()
     for tick in range(ticks):
         states[tick + 1] = on(states[tick])
         if not np.all(np.isfinite(states[tick + 1])):
@@ -118,7 +118,7 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
     return outcome
 
 
-WRONG: dict[str, Callable[[Case, Watched, int, float], Found]] = {
+WRONG: dict[str, Callable[[Case, Watched, int, float], RunOutcome]] = {
     "held": partial(_run, _held),
     "sign": partial(_run, _sign),
 }

@@ -303,6 +303,14 @@ def test_a_class_may_watch_by_ipv6(folder):
         watcher.http.close()
 
 
+def test_a_name_in_capital_letters_opens_the_page_as_browsers_write_it(folder):
+    with Server(0, folder, lambda _: None, f"LocalHost:{own_port()}") as server:
+        assert server.share.address.startswith("https://localhost:")
+        made = Watcher(server.share)
+        assert made.first.status_code == 200
+        made.http.close()
+
+
 def test_a_rate_bounds_the_burst_and_what_follows():
     rate = share.Rate(burst=5, per_s=1e-3)
     assert [rate.late_s("a") == 0.0 for _ in range(7)] == [True] * 5 + [False] * 2

@@ -158,7 +158,11 @@ class Place:
 
 def _apart(values: Sequence[complex], others: Sequence[complex]) -> float:
     """The largest distance of multipliers from the nearest of others, over the larger of 1 and their size."""
-    return max(min(abs(v - w) for w in others) / max(1.0, abs(v)) for v in values)
+
+    def nearest(v: complex) -> float:
+        return min(abs(v - w) for w in others)
+
+    return max(nearest(v) / max(1.0, abs(v)) for v in values)
 
 
 def place(

@@ -279,7 +279,9 @@ def _shrinks(at: Place, new: Place) -> Special | None:
     if not (passed or _swing(new) < min(_SMALL, before)):
         return None
     p = _hopf(new)
-    return Special("hopf", at if passed else new, p, _EDGE * abs(new.map.P0)) if p is not None else None
+    if p is None:
+        return None
+    return Special("hopf", at if passed else new, p, _EDGE * abs(new.map.P0))
 
 
 def _swing(at: Place) -> float:

@@ -43,7 +43,7 @@ OPENS = "the contact would open"
 JAMS = "jams"
 SLOW = "the dither is not fast"
 DEPTH = 8  # most halvings of a step between two values whose pairs are not certain
-Found = TypeVar("Found")
+Scan = TypeVar("Scan")
 RELATIVE = 4.0 * float(np.finfo(float).eps)  # finest relative tolerance of a root
 NEUTRAL = 1e-9  # of |lambda|: growth below this is zero
 ROUNDING = 1e-12  # of the largest |lambda|
@@ -242,7 +242,7 @@ def none(rates: NDArray[np.complex128]) -> Array:
     return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
 
 
-def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:
+def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Scan]) -> Scan:
     """Return the result of `look` on the refined grid of `values`; where it raises a `Hole`, the grid is cut there
     first.
     """
@@ -278,7 +278,7 @@ def _beside(hole: float, end: float, growths: Growths) -> float:
     return end
 
 
-def there(value: float, growths: Growths) -> Growth:
+def growth_at(value: float, growths: Growths) -> Growth:
     """Return the growth at a value inside of a stretch. Raises Hole if there is no steady sliding."""
     growth = growths(value)
     if growth is None:
@@ -295,7 +295,7 @@ def root(bracket: Bracket, growths: Growths) -> float:
         return b
 
     def growth(value: float) -> float:
-        rates = there(value, growths)
+        rates = growth_at(value, growths)
         return float(rates.rates[k] - (rates.none[k] if how == "begins" else 0.0))
 
     return float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
@@ -445,17 +445,17 @@ def brackets(stretch: Sequence[float], growths: Growths) -> Iterator[Bracket]:
     """Yield every sign change of every rate along a stretch. Raises Hole."""
     if len(stretch) < 2:
         return
-    count = min(len(there(value, growths).rates) for value in stretch)
+    count = min(len(growth_at(value, growths).rates) for value in stretch)
     for k in range(count):
         x = sorted({*stretch, *_islands(stretch, k, growths)}, reverse=stretch[0] > stretch[-1])
-        yield from _passing(k, x, [there(value, growths).sign(k) for value in x])
+        yield from _passing(k, x, [growth_at(value, growths).sign(k) for value in x])
 
 
 def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
     """Values between those of the grid at which rate number k has another sign than on both sides."""
 
     def growth(value: float) -> float:
-        rates = there(value, growths).clear
+        rates = growth_at(value, growths).clear
         return float(rates[k]) if k < len(rates) else 0.0
 
     at = [growth(value) for value in x]

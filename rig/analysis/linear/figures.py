@@ -38,7 +38,7 @@ def loop_report_figure(figure: Figure, report: LoopReport) -> None:
     grid = figure.add_gridspec(
         2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09, hspace=0.5, wspace=0.24
     )
-    headline(figure, f"{report.scene}: loop of {report.found.controller}")
+    headline(figure, f"{report.scene}: loop of {report.loop.controller}")
     _budget(figure.add_subplot(grid[0, :]), report)
     for column, curve in enumerate(report.curves):
         axes = figure.add_subplot(grid[1, column])
@@ -81,7 +81,7 @@ def loop_figure(figure: Figure, loop: Loop) -> None:
 def _budget(axes: Axes, report: LoopReport) -> None:
     """A bar of the delays item after the other, then the margin that is left."""
     at = 0.0
-    margin = report.found.margins
+    margin = report.loop.margins
     late = [item for item in report.items if item.seconds > 0.0]
     for i, item in enumerate(late):
         axes.barh(0.0, 1e3 * item.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=item.part)

@@ -101,13 +101,13 @@ class Curve:
 class LoopReport(Result):
     """What delays a loop, what it can still bear, and how its decay depends on the links.
 
-    `found`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
+    `loop`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
     """
 
     FIGURE: ClassVar = "rig.analysis.linear.figures:loop_report_figure"
 
     scene: str
-    found: Loop
+    loop: Loop
     items: list[Item]
     growth: float
     curves: list[Curve]
@@ -129,10 +129,10 @@ class LoopReport(Result):
         """Return the loop, the curves and the check."""
         return {
             "scene": self.scene,
-            "controller": self.found.controller,
+            "controller": self.loop.controller,
             "budget": [asdict(record) for record in self.items],
             "growth": self.growth,
-            "loop": self.found.to_json(),
+            "loop": self.loop.to_json(),
             "curves": [asdict(record) for record in self.curves],
             "check": {
                 "links": self.point,
@@ -145,10 +145,10 @@ class LoopReport(Result):
 
     def shown(self) -> Iterator[str | Table]:
         """Yield the delay budget, the margins, the decay rates over the links, and the check."""
-        hertz = abs(self.found.spectrum.rates[0].imag) / (2.0 * math.pi)
+        hertz = abs(self.loop.spectrum.rates[0].imag) / (2.0 * math.pi)
         total = sum(item.seconds for item in self.items)
-        yield f"{self.scene}: loop of {self.found.controller} ({self.found.through})"
-        for remark in (self.found.left_out, *self.found.belief):
+        yield f"{self.scene}: loop of {self.loop.controller} ({self.loop.through})"
+        for remark in (self.loop.left_out, *self.loop.belief):
             if remark:
                 yield f"  {remark}"
         yield f"\n  delay budget: {1e3 * total:.4g} ms, {360 * total * hertz:.3g} deg at {hertz:.4g} Hz"
@@ -164,13 +164,13 @@ class LoopReport(Result):
 
     def _margins(self) -> Iterator[str]:
         yield f"  decay rate at steady sliding {-self.growth:.6g} 1/s, with its links in the mean square"
-        yield from self.found.margin_lines("ms more than the budget without the bus")
-        ends = self.found.gain_range
-        if ends is not None and self.found.gain:
-            least, most = sorted(end / self.found.gain for end in ends)
+        yield from self.loop.margin_lines("ms more than the budget without the bus")
+        ends = self.loop.gain_range
+        if ends is not None and self.loop.gain:
+            least, most = sorted(end / self.loop.gain for end in ends)
             low = f"from {least:.4g}" if math.isfinite(least) else "from any negative multiple"
             high = f"to {most:.4g} times" if math.isfinite(most) else "to any multiple of"
-            yield f"  gain margin: stable {low} {high} its gain of {self.found.gain:g}"
+            yield f"  gain margin: stable {low} {high} its gain of {self.loop.gain:g}"
 
     def _curves(self) -> Iterator[str | Table]:
         for curve in self.curves:

@@ -86,7 +86,7 @@ class Gap(NamedTuple):
     why: str
 
 
-class Found(NamedTuple):
+class CriticalValues(NamedTuple):
     """Critical values in rising order, gaps in the order of the axis, and the widest distance between two values
     examined.
     """
@@ -96,7 +96,7 @@ class Found(NamedTuple):
     resolution: float
 
 
-def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> Found:
+def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> CriticalValues:
     """Find all critical values between the ends of `values`. `rates` [value, branch]: the branches of the sweep."""
 
     @lru_cache(maxsize=4096)
@@ -107,7 +107,7 @@ def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> 
         large = len(spectrum.names) > curves.LARGE
         return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates), large)
 
-    def look(grid: list[float]) -> Found:
+    def look(grid: list[float]) -> CriticalValues:
         known: list[Critical] = list(_jamming(grid, spectra))
         for stretch in curves.stretches(grid, growths):
             for bracket in curves.brackets(stretch, growths):
@@ -117,7 +117,7 @@ def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> 
                     known.append(critical)
         known.sort(key=lambda critical: critical.value)
         resolution = max(abs(b - a) for a, b in pairwise(grid))
-        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), resolution)
+        return CriticalValues(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), resolution)
 
     return curves.looked(values, growths, look)
 

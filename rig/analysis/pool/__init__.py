@@ -11,7 +11,20 @@ The numbers of a unit depend on the work alone: neither the worker nor the numbe
 
 from __future__ import annotations
 
-from rig.analysis.pool.carry_out import carry_out, pool, temporary
+from rig.analysis.pool.carry_out import Ask, asking, carry_out, pool, temporary
 from rig.analysis.pool.work import Arrays, Progress, Store, Work, digest, packed, unpacked
 
-__all__ = ["Arrays", "Progress", "Store", "Work", "carry_out", "digest", "packed", "pool", "temporary", "unpacked"]
+__all__ = [
+    "Arrays",
+    "Ask",
+    "Progress",
+    "Store",
+    "Work",
+    "asking",
+    "carry_out",
+    "digest",
+    "packed",
+    "pool",
+    "temporary",
+    "unpacked",
+]

@@ -26,6 +26,8 @@ from rig.quantities import whole
 if TYPE_CHECKING:
     from rig.analysis.pool.cluster import Cluster
 
+Ask = Callable[[Mapping[int, tuple[float, ...]], Callable[[int], object]], list[Arrays]]
+"""What computes the units that a work asks for, see `asking`."""
 SPAN = 2.0  # s of a batch: an interruption loses at most so much, and saving it (5 to 7 ms) costs little
 _WORKER = "rig.analysis.pool.worker"  # not imported here: Python warns of a module that is run and was imported before
 _LOOK = 0.1  # s between two reports of progress
@@ -172,6 +174,30 @@ def pool(
     with WorkerProcesses(work, store, count) as processes:
         work.prepare()  # while the workers start
         yield processes
+
+
+@contextmanager
+def asking(work: Work, store: Store, workers: int | None, most: int, cluster: str = "") -> Iterator[Ask]:
+    """Open the store of a work whose units are known only while it runs, and yield what computes them.
+
+    It gets units, number -> values that they are given, and a progress that gets how many of them are ready. It returns
+    their results in this order; those that the store contains are not computed again. Raises as `carry_out`.
+    """
+    with store.open(work), pool(work, store, workers, most, cluster=cluster) as computing:
+        rows = store.load()
+
+        def ask(units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> list[Arrays]:
+            todo = {unit: given for unit, given in units.items() if unit not in rows}
+            ready = len(units) - len(todo)
+            if todo:
+                computing.compute(todo, lambda done: progress(ready + done))
+                rows.update(store.load(min(todo)))
+                lost = {unit: why for unit, why in computing.failed.items() if unit in todo}
+                rows.update({unit: work.given_up(unit, why) for unit, why in lost.items()})
+            progress(len(units))
+            return [rows.pop(unit) for unit in units]
+
+        yield ask
 
 
 class Here:

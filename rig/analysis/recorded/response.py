@@ -92,17 +92,38 @@ class Response(Result):
         """Distance between lines [Hz]."""
         return 1.0 / self.window
 
+    @property
+    def excited(self) -> dict[str, float]:
+        """Lowest and highest line with power of the input [Hz], and the number of lines without."""
+        known = np.isfinite(self.h)
+        return {
+            "lowest": float(self.f[known].min()),
+            "highest": float(self.f[known].max()),
+            "lines_without": int(np.count_nonzero(~known)),
+        }
+
+    @property
+    def trusted(self) -> dict[str, float]:
+        """Medians of coherence and error, and the share of lines above `certain`; empty with a single window."""
+        if self.windows < 2:
+            return {}
+        known = np.isfinite(self.coherence)
+        return {
+            "coherence_median": float(np.median(self.coherence[known])),
+            "coherence_above": float(np.mean(self.coherence[known] > self.certain)),
+            "error_median": float(np.median(self.error[known])),
+        }
+
     def shown(self) -> Iterator[str | Table]:
         """Yield how the response was estimated, what can be trusted, and the resonances."""
         kind = "Hann, half overlapping" if self.tapered else "from pulse to pulse"
         windows = f"{counted(self.windows, 'window')} of {self.window:.4g} s"
-        known = np.isfinite(self.h)
-        excited = f"  excited: {self.f[known].min():.4g} to {self.f[known].max():.4g} Hz"
-        unexcited = int(np.count_nonzero(~known))
-        if unexcited:
-            excited += f", without {unexcited} lines in which the input has no power"
+        lines = self.excited
+        excited = f"  excited: {lines['lowest']:.4g} to {lines['highest']:.4g} Hz"
+        if lines["lines_without"]:
+            excited += f", without {counted(int(lines['lines_without']), 'line')} in which the input has no power"
         span = f"{self.start:.5g} to {self.start + self.seconds:.5g} s"
-        bridged = f"  {self.bridged} missing samples are bridged by straight lines" if self.bridged else ""
+        bridged = f"  {counted(self.bridged, 'missing sample')} bridged by straight lines" if self.bridged else ""
         lost = "windows are left out: a longer gap, or they end after the last sample"
         left_out = f"  {self.left_out} {lost}" if self.left_out else ""
         channels = f"response of {self.output} [{self.output_unit}] to {self.input} [{self.input_unit}]"
@@ -130,16 +151,15 @@ class Response(Result):
         yield Table("resonances", columns, rows)
 
     def _trusted(self) -> Iterator[str]:
-        if self.windows < 2:
+        trusted = self.trusted
+        if not trusted:
             yield "  coherence and random error are unknown: there is a single window"
             return
-        known = np.isfinite(self.coherence)
-        share = np.mean(self.coherence[known] > self.certain)
         yield (
-            f"  coherence: median {np.median(self.coherence[known]):.4g}; {100.0 * share:.3g} % of the lines are "
-            f"above {self.certain:.3g}, which unrelated channels stay below with 95 %"
+            f"  coherence: median {trusted['coherence_median']:.4g}; {100.0 * trusted['coherence_above']:.3g} % of the "
+            f"lines are above {self.certain:.3g}, which unrelated channels stay below with 95 %"
         )
-        yield f"  random error of the magnitude: median {_percent(float(np.median(self.error[known])))}"
+        yield f"  random error of the magnitude: median {_percent(trusted['error_median'])}"
 
     def _doubts(self) -> Iterator[str]:
         narrow = [r for r in self.resonances if r.bandwidth < _NARROW * self.step]
@@ -172,6 +192,8 @@ class Response(Result):
             "windows": self.windows,
             "windows_independent": self.independent,
             "windows_left_out": self.left_out,
+            "excited": self.excited,
+            **self.trusted,
             "rest": self.rest,
             "step": self.step,
             "coherence_of_unrelated": self.certain,

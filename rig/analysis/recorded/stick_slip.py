@@ -159,15 +159,15 @@ class StickSlip(Result):
         numbers = (Column(name, digits=".5g") for name in ("median", "lower quartile", "upper quartile"))
         if self.slips:
             yield Table("medians", [Column("measure"), *numbers, Column("unit")], rows)
-        notes = {
-            "samples replaced (spikes)": self.spikes,
-            "samples held by the sensor": self.held,
-            f"missing samples bridged (gaps of up to {BRIDGED})": self.bridged,
-            "samples missing in longer gaps": self.missing,
-            "slips cut by an end or a gap": self.cut,
-            "slips joined": self.joined,
-        }
-        told = [f"{count} {what}" for what, count in notes.items() if count]
+        notes = (
+            (self.spikes, "sample", "replaced (spikes)"),
+            (self.held, "sample", "held by the sensor"),
+            (self.bridged, "missing sample", f"bridged (gaps of up to {BRIDGED})"),
+            (self.missing, "sample", "missing in longer gaps"),
+            (self.cut, "slip", "cut by an end or a gap"),
+            (self.joined, "slip", "joined"),
+        )
+        told = [f"{counted(count, noun)} {why}" for count, noun, why in notes if count]
         yield from [f"  {', '.join(told)}"] if told else []
         columns = (
             Column("speed", self.speed_unit, ".5g"),

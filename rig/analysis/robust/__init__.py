@@ -1,23 +1,18 @@
 """Robust design: controllers, shunts and rigs designed against what is not known of the rig.
 
-stated     ranges, tolerances, distributions and limits as a user states them, read and checked
+stated     what a user asks for, read and checked
 box        free values of a design and uncertain ones of a rig, both as unit cubes
 growth     matrix, eigenvalues, gradients and growth of a rig of the box
 descent    a design improved against a set of rigs: linear programs over eigenvalues; from a rig to a worse one
-worst      the worst rig of a design
-tasks      the units of work that a pool computes
+tasks      the units of work that a pool computes; the worst rig of a design
 design     the robust design, the nominal optimum, the audit; the largest ranges that a design can hold
+series     components of a series in place of any value
+search     design, nominal optimum and scene beside each other; what each value costs; what is proved of the box
 certificate
            whether no rig of a box grows: proved, refuted or undecided
-job        what is asked for, checked; its units in a pool and a store
-search     design, nominal optimum and scene beside each other; the audit; what each value costs
-proof      the certificate of a design
 in_time    the proof in time: nominal and worst rig as runs, recorded
-knocked    their scenes: they begin at steady sliding and are knocked
 envelope   the growth of a run
-least_knock
-           the least knock from which a rig does not come back
-series     components of a series in place of any value
+knocked    rigs that begin at steady sliding and are knocked, and the least knock from which they do not come back
 result     text, JSON and CSV; its figures; the designed scene as a file
 """
 
@@ -29,10 +24,9 @@ from pathlib import Path
 
 from rig.analysis.pool import Progress
 from rig.analysis.robust.in_time import Proof, Timed
-from rig.analysis.robust.job import Job, prepared
-from rig.analysis.robust.proof import proved
 from rig.analysis.robust.result import RobustResult
-from rig.analysis.robust.search import find
+from rig.analysis.robust.search import find, proved
+from rig.analysis.robust.stated import Job, prepared
 from rig.errors import RigError
 from rig.record.provenance import provenance
 
@@ -53,14 +47,14 @@ def designed(
     bar: Bar = _unseen,
     cluster: str = "",
     prove: bool = False,
-    watch: Callable[[str], object] = lambda text: None,
+    watch: Callable[[str], object] = bool,
 ) -> RobustResult:
     """Carry out a robust design; results that its folder under `root` contains already are not computed again.
 
     `prove`: examine the whole box, and run nominal and worst rigs in time. `watch` gets what is done, in words. Raises
     UsageError, SceneError, WorkerError; what is finished stays.
     """
-    with bar("rigs") as progress:
+    with bar("batches of rigs") as progress:
         found, folder = find(job, root, workers, progress, cluster)
     if not prove:
         return RobustResult(job, found, provenance(job.seed), folder)
@@ -71,7 +65,7 @@ def designed(
     try:
         proof = Proof(job, found, folder)
         timed = proof.runs(watch)
-        with bar("knocks") as progress:
+        with bar("searches of knocks") as progress:
             timed = proof.knocks(timed, workers, progress, watch)
     except RigError as fault:  # the search may have taken hours: its report comes anyway
         untimed = str(fault)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.studies.factors import Distribution, Identified
+from rig.analysis.studies.factors import IDENTIFIED, Distribution, Identified, drawn
 from rig.scenes.axis import Axis
 
 Array = NDArray[np.float64]
@@ -54,33 +54,32 @@ class Uncertain:
         low, high = self.ends
         return -low / (high - low) if high > low else 0.0
 
+    def deviation(self, share: float) -> float:
+        """The deviation from the nominal value at a coordinate."""
+        low, high = self.ends
+        return low + (high - low) * share
+
     def value(self, share: float, design: float | None) -> float:
         """The value (SI) at a coordinate, for the value that the `design` gives it; None: that of the scene."""
         centre = self.nominal if design is None else design
-        low, high = self.ends
-        deviation = low + (high - low) * share
+        deviation = self.deviation(share)
         value = centre * (1.0 + deviation) if self.relative else centre + deviation
         return max(round(value / self.step), 0) * self.step if self.step else value
 
-    def shares(self, values: Array) -> Array:
-        """The coordinates of drawn values (SI), those of a tail moved to the end of the box."""
-        low, high = self.axis.values
-        return np.clip((values - low) / (high - low), 0.0, 1.0)
+    def frames(self, low: float, high: float) -> int:
+        """The number of steps between two coordinates."""
+        return round((self.ends[1] - self.ends[0]) / self.step * float(high - low))
 
     def text(self, low: float = 0.0, high: float = 1.0) -> str:
         """The range between two coordinates as text: "+-2 %", or its two ends."""
         if self.given is not None and (low, high) == (0.0, 1.0):
             return str(self.given)
         if not (self.relative or self.free):
-            ends = sorted(self.value(share, None) for share in (low, high))
-            return f"{self.axis.text(ends[0])} to {self.axis.text(ends[1])}"
-        first, last = (self.ends[0] + (self.ends[1] - self.ends[0]) * share for share in (low, high))
-        scale = 0.01 if self.relative else self.axis.scale
-        shown = "" if self.axis.shown == "1" else self.axis.shown
-        unit = "%" if self.relative else shown
-        if math.isclose(first, -last, rel_tol=1e-9):
-            return f"+-{last / scale:.4g} {unit}".rstrip()
-        return f"{first / scale:.4g} to {last / scale:.4g} {unit}".rstrip()
+            return " to ".join(map(self.axis.text, sorted([self.value(low, None), self.value(high, None)])))
+        scale, unit = (0.01, "%") if self.relative else (self.axis.scale, self.axis.shown_unit)
+        first, last = self.deviation(low) / scale, self.deviation(high) / scale
+        even = math.isclose(first, -last, rel_tol=1e-9)
+        return f"{f'+-{last:.4g}' if even else f'{first:.4g} to {last:.4g}'} {unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,11 @@ class Box:
 
     free: tuple[Axis, ...]
     uncertain: tuple[Uncertain, ...]
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys of the uncertain values."""
+        return [value.key for value in self.uncertain]
 
     @property
     def centre(self) -> Array:
@@ -105,29 +109,27 @@ class Box:
 
     def at(self, design: Mapping[str, float]) -> Array:
         """The coordinates x [free] of free values (SI) by key."""
-        return np.array(
-            [(design[a.key] - a.values[0]) / (a.values[1] - a.values[0]) for a in self.free], dtype=np.float64
-        )
+        ends = [(design[axis.key], *axis.values) for axis in self.free]
+        return np.array([(value - low) / (high - low) for value, low, high in ends], dtype=np.float64)
 
     def rig(self, design: Mapping[str, float], u: Sequence[float] | Array) -> dict[str, float]:
         """The uncertain values (SI) of rig u [uncertain] by key, about the values of a `design`."""
         return {value.key: value.value(float(share), design.get(value.key)) for value, share in zip(self.uncertain, u)}
 
     def draws(self, chance: np.random.Generator, count: int) -> Array:
-        """Random rigs [count, uncertain] of the box: as distributed where a distribution is stated, else evenly."""
-        shares = np.clip(chance.random((count, len(self.uncertain))), _EDGE, 1.0 - _EDGE)
-        u = shares.copy()
-        together: dict[str, list[int]] = {}
-        for i, value in enumerate(self.uncertain):
-            if isinstance(value.given, Distribution):
-                low, high = ends_of(value.given)
-                u[:, i] = value.shares(value.given.quantile(low + (high - low) * shares[:, i], value.axis.unit))
-            elif isinstance(value.given, Identified):
-                together.setdefault(value.given.file, []).append(i)
-        for index in together.values():
-            joint = [given for i in index if isinstance(given := self.uncertain[i].given, Identified)]
-            for i, column in zip(index, Identified.drawn(joint, shares[:, index]).T):
-                u[:, i] = self.uncertain[i].shares(column)
+        """Random rigs [count, uncertain] of the box: as distributed where a distribution is stated, else evenly.
+
+        Those of a tail are moved to the end of the box.
+        """
+        u = np.clip(chance.random((count, len(self.uncertain))), _EDGE, 1.0 - _EDGE)
+        given = {i: value.given for i, value in enumerate(self.uncertain) if value.given is not None}
+        if given:
+            axes = [self.uncertain[i].axis for i in given]
+            first, last = np.array([ends_of(each) for each in given.values()]).T
+            low, high = np.array([axis.values for axis in axes]).T
+            shares = first + (last - first) * u[:, [*given]]
+            values = drawn([*given.values()], [axis.unit for axis in axes], shares)
+            u[:, [*given]] = np.clip((values - low) / (high - low), 0.0, 1.0)
         return u
 
 
@@ -135,21 +137,27 @@ class Box:
 class Limit:
     """A limit `slope` x + `over` <= 0 of design x [free], in units of the largest sum of its terms over the ranges.
 
-    `text`: as its user states it; `weights` [free] and `bound`: the same in SI, weights * values <= bound.
+    `text`: as its user states it.
     """
 
     text: str
     slope: Array
     over: float
-    weights: Array
-    bound: float
 
     def excess(self, x: Array) -> float:
         """How far a design is beyond the limit; at most 0 if it keeps it."""
         return float(self.slope @ x) + self.over
 
 
-def ends_of(given: Distribution) -> tuple[float, float]:
-    """Return the shares of a distribution that lie below the two ends of the box."""
-    bounded = given.kind in ("uniform", "triangular")
-    return (0.0, 1.0) if bounded else (TAIL, 1.0 - TAIL)
+def ends_of(given: Distribution | Identified, tails: bool = False) -> tuple[float, float]:
+    """Return the shares of a distribution that lie below the two ends of the box.
+
+    Parameters that were identified together are drawn with their `tails`, which the box leaves out as well.
+    """
+    drawn_whole = given.kind in ("uniform", "triangular") or (given.kind == IDENTIFIED and not tails)
+    return (0.0, 1.0) if drawn_whole else (TAIL, 1.0 - TAIL)
+
+
+def values_text(values: Mapping[str, float]) -> str:
+    """Return the values (SI) of a rig by key as text."""
+    return ", ".join(f"{key} = {value:.6g}" for key, value in values.items())

@@ -32,14 +32,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.linear.control_loop import VANISHED
+from rig.analysis.robust.growth import Matrix
 from rig.errors import RigError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Arrays = dict[str, NDArray[Any]]
-Matrices = Callable[[Array], Array]
-SMOOTH = 1e-7
-"""Error of the polynomial, of the largest entry: with a larger one the matrix is none."""
+_SMOOTH = 1e-7  # error of the polynomial, of the largest entry: with a larger one the matrix is none
 _TERMS = 500  # of the polynomial
 _DEGREE = 15  # highest power of a value
 _FALLS = 1e-3  # size of a term over that of the next lower power, at least: values may act together only
@@ -76,6 +75,16 @@ class Region(NamedTuple):
     top: float
     period: float
 
+    @classmethod
+    def of(cls, rig: Matrix, limit: float, band: tuple[float, float]) -> Region:
+        """Return the region for rigs like this one: none may grow by more than `limit` in a `band` [Hz]."""
+        period = rig.period
+        size = 1.0 / period if period else float(np.abs(rig.values).max(initial=0.0))
+        outer = max(limit, 0.0) + _NEUTRAL * size
+        within = outer if limit >= 0.0 else limit  # one line then, which a mode without growth does not touch
+        top = min(2.0 * math.pi * rig.up_to, math.pi / period if period else math.inf)
+        return cls(within, outer, (2.0 * math.pi * band[0], 2.0 * math.pi * band[1]), top, period)
+
     def holds(self, values: Complex) -> bool:
         """Whether one of the eigenvalues is in it."""
         rates = self.rates(values)
@@ -106,25 +115,14 @@ class Region(NamedTuple):
         return [(begin, end) for begin, end in itertools.pairwise(corners) if begin != end]
 
 
-def region_of(limit: float, band: tuple[float, float], period: float, up_to: float, values: Complex) -> Region:
-    """Return the region that no eigenvalue of a rig must enter; `values`: those of one rig. See `Examination`."""
-    size = float(np.abs(values).max(initial=0.0))
-    outer = max(limit, 0.0) + _NEUTRAL * (1.0 / period if period else size)
-    if limit >= 0.0:  # one line, which a mode without growth does not touch
-        limit = outer
-    nyquist = math.pi / period if period else math.inf
-    low, high = (2.0 * math.pi * edge for edge in band)
-    return Region(limit, outer, (low, high), min(2.0 * math.pi * up_to, nyquist), period)
-
-
 class Polynomial:
     """The matrix [n, n] of rigs u [k, count] as a polynomial, scaled so that rows and columns are alike in size.
 
     `error`: the largest one in an entry, at rigs that the fit does not know, over the largest entry `size`. Raises
-    NoProof for matrices that are too large.
+    NoProof for matrices that are too large, and for those that are no polynomial.
     """
 
-    def __init__(self, matrix: Matrices, count: int) -> None:
+    def __init__(self, matrix: Callable[[Array], Array], count: int) -> None:
         from scipy.linalg import matrix_balance
 
         middle = matrix(np.full(count, 0.5))
@@ -146,13 +144,15 @@ class Polynomial:
         coefficients = np.linalg.lstsq(products(2.0 * points - 1.0, powers), held, rcond=None)[0]
         large = powers[np.abs(coefficients).max(axis=1) > _LITTLE * self.size]
         kept = np.array([bool((power <= large).all(axis=1).any()) for power in powers])
-        kept[0] = True
         self.powers = powers[kept]
         """Powers [term, count]: with a term, all of lower powers."""
         self.coefficients = coefficients[kept]
         checked = chance.random((_CHECKS, count))
         missed = np.array([self(u).ravel() for u in checked]) - self._true(checked)
         self.error = float(np.abs(missed).max()) / self.size
+        if self.error > _SMOOTH:
+            error = f"error of the polynomial: {self.error:.1e}"
+            raise NoProof(f"the matrix of a rig is no smooth function of the uncertain values ({error})")
 
     def _true(self, points: Array) -> Array:
         return np.array([(self._matrix(u) * self._scale).ravel() for u in points])
@@ -233,81 +233,70 @@ class Examination:
     """A box of rigs whose parts are examined: no rig may grow by more than `limit` [1/s] in a `band` [Hz], or at all
     outside of it.
 
-    `matrix`: u [count] in the unit cube -> [n, n], continuous in time, or of one `period` [s]; eigenvalues count up to
-    the frequency `up_to` [Hz]. `known`: highest power of a value, and error in the largest entry. Raises NoProof, and
-    what `matrix` raises.
+    `rigs`: the matrix of a rig u [count] in the unit cube. Raises NoProof.
     """
 
     def __init__(
         self,
-        matrix: Matrices,
+        rigs: Callable[[Array], Matrix],
         count: int,
         limit: float = 0.0,
         band: tuple[float, float] = (0.0, math.inf),
-        period: float = 0.0,
-        up_to: float = math.inf,
     ) -> None:
-        self._matrix = matrix
-        self._polynomial = Polynomial(matrix, count)
-        middle = np.linalg.eigvals(self._polynomial(np.full(count, 0.5))).astype(np.complex128)
-        self._region = region_of(limit, band, period, up_to, middle)
-        self._edge = self._region.edge(_BEYOND * self._polynomial.bound if not period else math.inf)
-        self.known = {"degree": self._polynomial.degree, "error": self._polynomial.error}
+        self._rigs = rigs
+        self._polynomial = Polynomial(self._matrix, count)
+        middle = np.full(count, 0.5)
+        like = rigs(middle)._replace(A=self._polynomial(middle))
+        self._region = Region.of(like, limit, band)
+        self._edge = self._region.edge(math.inf if like.period else _BEYOND * self._polynomial.bound)
 
-    def divided(self, low: Array, high: Array, most: int) -> Arrays:
-        """Examine the part of the box between two corners [count], divided into `most` parts at most.
+    def _matrix(self, u: Array) -> Array:
+        rig = self._rigs(u)
+        if rig.why:
+            raise NoProof(f"a rig of the box has no growth: {rig.why}")
+        return rig.A
 
-        Returns what is `known`, how many `parts` were examined and `cells`; the `share` of the box that is proved;
-        `rest`, the largest E of a proved part over the distance of an eigenvalue from the edge; `rig` [0 or 1, count]
-        that refutes the box; and what is `left` [part, 2, count].
+    def examined(self, low: Array, high: Array) -> Arrays:
+        """Examine the part of the box between two corners [count].
+
+        Returns the `degree` of the polynomial and its `error`, the number of `cells`; the `rig` [0 or 1, count] in its
+        middle, if that refutes it; the `halves` [0 or 2, 2, count] of a part that is not proved; and `rest`, the
+        largest E of one that is, over the distance of an eigenvalue from the edge.
         """
-        todo = [np.array([low, high])]
-        rig = np.zeros((0, len(low)))
-        parts = cells = 0
-        share = rest = 0.0
-        while todo and parts < most and not len(rig) and self._polynomial.error <= SMOOTH:
-            ends = todo.pop()
-            parts += 1
-            middle = ends.mean(axis=0)
-            if self._grows(middle):
-                rig = middle[None]
-                continue
-            taken, weights, size = self._examined(*ends)
-            cells += taken
-            if weights is None:
-                share += float(np.prod(ends[1] - ends[0]))
-                rest = max(rest, size)
-                continue
+        ends = np.array([low, high])
+        middle = ends.mean(axis=0)
+        grows = self._region.holds(Matrix(self._polynomial(middle)).values)
+        grows = grows and self._region.holds(self._rigs(middle).values)
+        cells, weights, rest = (0, None, 0.0) if grows else self._along_edge(low, high)
+        halves = np.repeat(ends[None], 0 if weights is None else 2, axis=0)
+        if weights is not None:
             i = int(np.argmax(weights))
-            halves = np.array([ends, ends])
             halves[0, 1, i] = halves[1, 0, i] = middle[i]
-            todo += [*halves]
-        left = np.array(todo).reshape(-1, 2, len(low))
-        numbers = {"parts": parts, "cells": cells, "share": share, "rest": rest, **self.known}
-        return {"rig": rig, "left": left, **{name: np.array(number) for name, number in numbers.items()}}
-
-    def _grows(self, u: Array) -> bool:
-        """Whether a rig has an eigenvalue in the region, the polynomial and the rig itself."""
-        matrices = (matrix(u) for matrix in (self._polynomial, self._matrix))
-        return all(self._region.holds(np.linalg.eigvals(A).astype(np.complex128)) for A in matrices)
+            rest = 0.0
+        polynomial = self._polynomial
+        numbers = {"cells": cells, "rest": rest, "degree": polynomial.degree, "error": polynomial.error}
+        found = {name: np.array(number) for name, number in numbers.items()}
+        return {"rig": middle[None][: int(grows)], "halves": halves, **found}
 
     def _part(self, low: Array, high: Array) -> _Part:
         of_rigs = self._polynomial
         own = of_rigs.within(low, high)
         order = of_rigs.powers.sum(axis=1)
         owners = np.array(of_rigs.powers > 0, dtype=np.float64)
+        error = of_rigs.error * of_rigs.size
         small = (order == 1) | (order == 2)
-        L, R, kept, of = _factors(own[small], owners[small], of_rigs.error * of_rigs.size * of_rigs.n)
-        poles, V, back = _diagonalised(own[order == 0][0])
+        L, R, kept, of = _factors(own[small], owners[small], error * of_rigs.n)
+        middle = own[order == 0][0]
+        poles, V, back = _diagonalised(middle)
         others = np.abs(own[order > 2])
-        missed = others.sum(axis=0) + np.abs(own[small] - kept).sum(axis=0) + of_rigs.error * of_rigs.size
+        missed = others.sum(axis=0) + np.abs(own[small] - kept).sum(axis=0) + error
         rest = float(np.linalg.norm(np.abs(back) @ missed @ np.abs(V)))
-        rest += float(np.linalg.norm(back @ (own[order == 0][0] @ V - V * poles)))
+        rest += float(np.linalg.norm(back @ (middle @ V - V * poles)))
         of_rest = others.max(axis=(1, 2), initial=0.0) @ owners[order > 2]
         of_rest /= max(float(of_rest.max(initial=0.0)), 1e-300)
         return _Part(poles.astype(np.complex128), back @ L, R @ V, np.vstack([of, of_rest]), rest)
 
-    def _examined(self, low: Array, high: Array) -> tuple[int, Array | None, float]:
+    def _along_edge(self, low: Array, high: Array) -> tuple[int, Array | None, float]:
         """Examine the edge of a part: number of cells; None if it is proved, else how much each value contributes; the
         largest size of E over the distance of an eigenvalue.
         """
@@ -319,24 +308,22 @@ class Examination:
         largest = 0.0
         for piece in self._edge:
             cells = _first(piece, self._region.rates(part.poles))
-            for _ in range(_HALVED):
+            halved = 0
+            while len(cells):
                 taken += len(cells)
                 B, at_middle, share = _bounds(part, self._region, cells, pairs)
                 below, above = _roots(B)
-                fails = (_roots(at_middle)[0] >= 1.0) & (below >= 1.0)
-                if fails.any():
-                    return taken, _contributions(part, at_middle[np.argmax(np.where(fails, below, 0.0))]), largest
+                fails = np.where(_roots(at_middle)[0] >= 1.0, below, 0.0)
+                if fails.max() >= 1.0:
+                    return taken, _contributions(part, at_middle[np.argmax(fails)]), largest
                 open_ = above >= 1.0
                 largest = max(largest, float(share[~open_].max(initial=0.0)))
-                if not open_.any():
-                    break
-                if taken > _CELLS:
+                halved += 1
+                if open_.any() and (taken > _CELLS or halved == _HALVED):
                     return taken, _contributions(part, B[np.argmax(above)]), largest
                 begin, end = cells[open_].T
                 middle = 0.5 * (begin + end)
                 cells = np.vstack([np.column_stack([begin, middle]), np.column_stack([middle, end])])
-            else:
-                return taken, _contributions(part, B[np.argmax(above)]), largest
         return taken, None, largest
 
 
@@ -388,13 +375,13 @@ def _bounds(part: _Part, region: Region, cells: Complex, pairs: Complex) -> tupl
     distance = np.abs(apart)
     resolvent = 1.0 / apart
     closest = 1.0 / np.maximum(distance - radius, _TOUCHES)
-    exact = resolvent @ pairs
-    total = np.abs(exact) + np.minimum(radius / distance, 1.0) ** _TAYLOR * closest @ np.abs(pairs)
+    exact = np.abs(resolvent @ pairs)
+    total = exact + np.minimum(radius / distance, 1.0) ** _TAYLOR * closest @ np.abs(pairs)
     term = resolvent
     for power in range(1, _TAYLOR):
         term = term * resolvent
         total = total + radius**power * np.abs(term @ pairs)
-    at_middle = _bordered(part, np.abs(exact), 1.0 / distance)
+    at_middle = _bordered(part, exact, 1.0 / distance)
     return _bordered(part, total, closest), at_middle, part.rest * closest.max(axis=1)
 
 

@@ -5,12 +5,12 @@ With a proof in time also the envelopes of the runs, each design beside the othe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.analysis.robust.growth import hertz
 from rig.errors import UsageError
 from rig.view.palette import page
 
@@ -29,11 +29,8 @@ _FAR = 4.0  # of the spread of growths: eigenvalues that decay faster are not dr
 
 def robust_figure(result: RobustResult) -> Figure:
     """Return the histograms and the plane. Raises UsageError if no rig has a growth."""
-    found = result.found
-    growths = {result.found.entries[0].name if result.job.box.free else "scene": found.audit.growth}
-    if len(found.beside):
-        growths["nominal optimum"] = found.beside
-    every = np.concatenate([growth[np.isfinite(growth)] for growth in growths.values()])
+    growths = {name: growth[np.isfinite(growth)] for name, growth in result.growths.items()}
+    every = np.concatenate([*growths.values()])
     if not every.size:
         raise UsageError("nothing to draw: no rig of the audit has a growth")
     designs = list(dict.fromkeys(run.design for run in result.timed))
@@ -44,7 +41,7 @@ def robust_figure(result: RobustResult) -> Figure:
         top, below = (figure.add_subplot(grid[row, :]) for row in range(2))
         bins: Any = np.linspace(every.min(), every.max() or 1e-9, _BINS) if np.ptp(every) else 3
         for (name, growth), colour in zip(growths.items(), _COLOURS):
-            top.hist(growth[np.isfinite(growth)], bins, color=colour, alpha=0.6, label=name)
+            top.hist(growth, bins, color=colour, alpha=0.6, label=name)
         top.axvline(0.0, color="0.3", lw=0.8)
         top.set(xlabel="growth rate [1/s]", ylabel="rigs [1]")
         top.legend(loc="best")
@@ -59,8 +56,7 @@ def robust_figure(result: RobustResult) -> Figure:
 def _envelopes(axes: Axes, runs: Sequence[Timed], colour: str) -> None:
     """Envelopes of a design with the nominal and the worst rig; dashed: as the eigenvalue grows."""
     for run, width in zip(runs, (0.8, 1.8)):
-        times = np.array(run.times)
-        amplitudes = np.array(run.amplitudes)
+        times, amplitudes = np.array([run.times, run.amplitudes])
         axes.plot(times, amplitudes, color=colour, lw=width, label=f"{run.design}, {run.rig} rig")
         used = (times >= run.begin) & (times <= run.end) & (amplitudes > 0.0)
         if used.any():
@@ -76,13 +72,12 @@ def _plane(axes: Axes, entries: tuple[Entry, ...], band: tuple[float, float], le
     """Eigenvalues of the nominal rigs and of the worst ones, within the band."""
     for entry, colour in zip(entries, _COLOURS):
         for k, rates in enumerate(entry.rates):
-            hertz = np.abs(rates.imag) / (2.0 * math.pi)
-            drawn = (
-                (rates.imag >= 0.0) & (hertz >= band[0]) & (hertz <= band[1]) & (rates.real > _FAR * min(least, -1.0))
-            )
-            marker = "o" if k == 0 else "x"
-            label = f"{entry.name}, {'nominal rig' if k == 0 else 'worst rigs'}" if k < 2 else None
-            axes.plot(rates.real[drawn], hertz[drawn], marker, ms=5, color=colour, fillstyle="none", label=label)
+            near = rates[(rates.imag >= 0.0) & (rates.real > _FAR * min(least, -1.0))]
+            tones = hertz(near)
+            drawn = (tones >= band[0]) & (tones <= band[1])
+            label = f"{entry.name}, {'worst rigs' if k else 'nominal rig'}" if k < 2 else None
+            marker = "x" if k else "o"
+            axes.plot(near.real[drawn], tones[drawn], marker, ms=5, color=colour, fillstyle="none", label=label)
     axes.axvline(0.0, color="0.3", lw=0.8)
     axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
     axes.legend(loc="best")

@@ -18,24 +18,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.pool import Progress, Store, Work, digest, packed, pool, unpacked
-from rig.analysis.robust import least_knock
+from rig.analysis.pool import Progress, Store, Work, asking, digest, packed, unpacked
+from rig.analysis.robust import knocked
 from rig.analysis.robust.envelope import Mode, envelope, slope
-from rig.analysis.robust.job import Job
-from rig.analysis.robust.knocked import Case, cases
-from rig.analysis.robust.least_knock import EXPECTED, Least, least_knocks
+from rig.analysis.robust.knocked import Case, Ends, Least, cases, least_knocks
 from rig.analysis.robust.search import Findings
+from rig.analysis.robust.stated import Job
 from rig.analysis.studies.runs import MOST
 from rig.bench.run.simulate import simulate
-from rig.errors import ExitCode, RigError, WorkerError
+from rig.errors import ExitCode, RigError
 from rig.machine.files import RUNS
 from rig.model.formulation import signal_rows
 from rig.record.provenance import provenance
 from rig.record.reader import open as read
 from rig.record.run_data import RunData
 from rig.record.save_run import save
-from rig.results import Column, Table
+from rig.results import Column, Table, plain
 from rig.scenes.scene import Scene
+from rig.stability.linearisation import sliding_key
 
 Array = NDArray[np.float64]
 _GROWS = 1e-5  # of the knock at which a contact stops or opens: the begin of a growth,
@@ -52,17 +52,17 @@ _RESOLVED = 0.05  # or of 1 over the evaluated time: a smaller difference is non
 _OFFSET = 0.2  # of the knock: a start that is farther from sliding is told
 _UNEVEN = 0.05  # of the logarithm of the envelope: a larger deviation from a straight line is told
 _DRAWN = 400  # points of an envelope
-ROLES = ("velocity", "displacement")
-"""Outputs whose envelope is evaluated: the first that there is."""
+ROLES = ("velocity", "displacement", "")
+"""Outputs whose envelope is evaluated: the first that there is; "": any."""
 
 
 @dataclass(frozen=True)
 class Timed:
     """A run of a design with a rig. `expected`, `hertz`: its eigenvalue [1/s], [Hz]; `growth` [1/s]: measured in time.
 
-    `begin`, `end` [s]: of the evaluated part. `remark`: why they disagree, or what happened. `changed`: the first
-    change of a contact [s]. `recording`: its file; `how` it ran. `output`: of which, in `unit_of_output`, `times` [s]
-    and `amplitudes` are the envelope. `least`: the least knock.
+    `begin`, `end` [s]: of the evaluated part. `changed`: the first change of a contact [s]. `remark`: why they
+    disagree, or what happened. `recording`: its file; `how` it ran. `output`: of which, in `unit_of_output`, `times`
+    [s] and `amplitudes` are the envelope. `least`: the least knock.
     """
 
     design: str
@@ -73,13 +73,13 @@ class Timed:
     begin: float
     end: float
     changed: float
-    remark: str
     recording: str
     how: str
     output: str
     unit_of_output: str
     times: list[float]
     amplitudes: list[float]
+    remark: str = ""
     least: Least | None = None
 
     @property
@@ -101,11 +101,11 @@ class Proof:
         self._growth = job.grown()
         self._cases = list(cases(self._growth, found))
         asked = [(case.name, case.values, case.mode.rate, case.unit) for case in self._cases]
-        identity = digest(job.scene, repr([asked, job.measure, least_knock.SIZES, least_knock.EXACT]))
-        self._work = Work(least_knock.Whole(self._cases), range(MOST), "in_time", identity)
+        identity = digest(job.scene, repr([asked, job.measure, knocked.SIZES, knocked.EXACT]))
+        self._work = Work(knocked.Knocks(self._cases), range(MOST), "in_time", identity)
         self._store = Store.of(self._work, folder)
 
-    def runs(self, watch: Callable[[str], object] = lambda text: None) -> list[Timed]:
+    def runs(self, watch: Callable[[str], object] = bool) -> list[Timed]:
         """Return a run of each case; `watch` gets what is done, in words. Those that are kept are not run again."""
         timed = []
         with self._store.open(self._work):
@@ -114,50 +114,38 @@ class Proof:
                 kept = Timed(**unpacked(rows[unit])) if unit in rows else None
                 if kept is None or not Path(kept.recording).exists():
                     watch(f"run {unit + 1} of {len(self._cases)}: {case.name}")
-                    kept = in_time(case, self._recording(case))
+                    # a name that no other proof has, so that it is the file of an earlier run of this case
+                    name = re.sub("[^A-Za-z0-9_-]+", "-", f"{case.scene.name}-{case.name}-{self._work.digest}")
+                    kept = in_time(case, RUNS / f"{name}.mcap")
                     self._store.save({unit: packed(asdict(kept))})
                 timed.append(kept)
         return timed
-
-    def _recording(self, case: Case) -> Path:
-        """Where a case is recorded: a name that no other proof has, so that it is the file of an earlier run of it."""
-        name = f"{case.scene.name}-{case.name}-{self._work.digest}"
-        return RUNS / f"{re.sub('[^A-Za-z0-9_-]+', '-', name)}.mcap"
 
     def knocks(
         self,
         timed: Sequence[Timed],
         workers: int | None = None,
         progress: Progress | None = None,
-        watch: Callable[[str], object] = lambda text: None,
+        watch: Callable[[str], object] = bool,
     ) -> list[Timed]:
-        """Return the runs with the least knock of each rig. `progress` gets the number of whole runs, and about how
-        many there are; `watch` what is done beside them, in words.
+        """Return the runs with the least knock of each rig. `progress` gets the number of searches that have ended, and
+        how many there are at most; `watch` what is done beside them, in words.
 
         Raises WorkerError.
         """
         say = progress or (lambda done, total: None)
-        expected = len(self._cases) * EXPECTED
-        following = count(len(self._cases))  # numbers of the units
-        done = 0
-        with self._store.open(self._work), pool(self._work, self._store, workers, MOST) as processes:
-            rows = self._store.load()
+        runs = len(self._cases)
+        numbers = count(runs)  # of the units: beyond those of the runs
+        with asking(self._work, self._store, workers, MOST) as ask:
 
-            def ask(asked: Sequence[tuple[int, float]]) -> list[str]:
-                nonlocal done
-                units = dict(zip(following, asked))
-                todo = {unit: given for unit, given in units.items() if unit not in rows}
-                ready = done + len(units) - len(todo)
-                if todo:
-                    processes.compute(todo, lambda new: say(ready + new, max(expected, ready + new + 1)))
-                    rows.update(self._store.load(min(todo)))
-                if processes.failed:
-                    raise WorkerError(f"{next(iter(processes.failed.values()))}{self._store.kept}")
-                done += len(units)
-                return [unpacked(rows[unit]) for unit in units]
+            def ends(asked: Sequence[tuple[float, ...]]) -> list[Ends]:
+                units = {next(numbers): given for given in asked}
+                first = min(units, default=runs) - runs
+                rows = ask(units, lambda done: say(first + done, 4 * runs))
+                return [Ends(*unpacked(row)) for row in rows]
 
-            least = least_knocks(self._growth, self._cases, ask, self._store.folder, watch)
-        say(expected, expected)
+            least = least_knocks(self._growth, self._cases, ends, self._store.folder, watch)
+        say(4 * runs, 4 * runs)
         return [replace(run, least=each) for run, each in zip(timed, least)]
 
 
@@ -167,59 +155,61 @@ def in_time(case: Case, recording: Path) -> Timed:
     scene = case.knocked(_GROWS if mode.rate.real > 0.0 else _DECAYS, _seconds(mode))
     run, how = _ran(scene, recording)
     assembly, at = case.rest
-    output = next((name for role in ROLES for name, each in assembly.outputs.items() if each.role == role), "")
-    output = output or next(iter(assembly.outputs))
-    over_x, over_t = signal_rows(at.system, at.modes, [assembly.outputs[output].row])
+    roles = [(role, name) for role in ROLES for name, each in assembly.outputs.items() if role in ("", each.role)]
+    output = assembly.outputs[roles[0][1]]
+    over_x, over_t = signal_rows(at.system, at.modes, [output.row])
     still = float((over_x @ at.x + over_t @ at.T)[0])
-    times, amplitudes = envelope(run.signals[output] - still, run.step_ns * 1e-9, mode)
-    changes = np.flatnonzero((run.mode >= 0) & (run.mode != case.sliding_key))
+    times, amplitudes = envelope(run.signals[roles[0][1]] - still, run.step_ns * 1e-9, mode)
+    changes = np.flatnonzero((run.mode >= 0) & (run.mode != sliding_key(case.running)))
     changed = float(run.time[changes[0]]) if len(changes) else math.inf
     begin, end = _span(mode, times, amplitudes, changed)
     growth, uneven = slope(times, amplitudes, begin, end)
     stride = max(len(times) // _DRAWN, 1)
     timed = Timed(
-        case.design,
-        case.rig,
-        float(mode.rate.real),
-        mode.hertz,
-        growth,
-        begin,
-        end,
-        changed,
-        "",
-        str(recording),
-        how,
-        output,
-        assembly.outputs[output].unit,
-        times[::stride].tolist(),
-        amplitudes[::stride].tolist(),
+        design=case.design,
+        rig=case.rig,
+        expected=float(mode.rate.real),
+        hertz=mode.hertz,
+        growth=growth,
+        begin=begin,
+        end=end,
+        changed=changed,
+        recording=str(recording),
+        how=how,
+        output=roles[0][1],
+        unit_of_output=output.unit,
+        times=times[::stride].tolist(),
+        amplitudes=amplitudes[::stride].tolist(),
     )
-    what = case.described(int(run.mode[changes[0]])) if len(changes) else ""
+    what = case.running.describe(int(run.mode[changes[0]])) if len(changes) else ""
     return replace(timed, remark="; ".join(_remarks(timed, case, what, uneven)))
 
 
 def _seconds(mode: Mode) -> float:
     """How long a case runs [s]."""
     rate = abs(mode.rate.real)
-    wait = min(mode.alone, _WAITED / rate) if rate else 0.0
-    wanted = (_GROWN if mode.rate.real > 0.0 else _LONG) / max(rate, 1e-300) + wait
+    wanted = (_GROWN if mode.rate.real > 0.0 else _LONG) / max(rate, 1e-300) + _begin(mode)
     if not mode.hertz:
         return wanted
     wanted += 1.0 / mode.hertz
     return min(max(wanted, _LEAST[mode.light] / mode.hertz), _MOST / mode.hertz)
 
 
+def _begin(mode: Mode) -> float:
+    """When the mode is alone [s]."""
+    return min(mode.alone, _WAITED / max(abs(mode.rate.real), 1e-300))
+
+
 def _span(mode: Mode, times: Array, amplitudes: Array, changed: float) -> tuple[float, float]:
     """Begin and end [s] of the part of an envelope in which the mode is alone and the motion small."""
-    rate = mode.rate.real
-    begin = min(mode.alone, _WAITED / abs(rate)) if rate else mode.alone
+    begin = _begin(mode)
     end = float(times[-1]) if len(times) else 0.0
-    if rate > 0.0:
-        return begin, min(end, changed - _SMALL / rate)
+    if mode.rate.real > 0.0:
+        return begin, min(end, changed - _SMALL / mode.rate.real)
     last = amplitudes[-max(len(amplitudes) // 20, 1) :]
     floor = _FLOOR * float(np.median(last)) if len(last) else 0.0
-    low = np.flatnonzero((amplitudes <= floor) & (times > begin))
-    return begin, min(end, changed, float(times[low[0]]) if len(low) else end)
+    low = times[(amplitudes <= floor) & (times > begin)]
+    return begin, min(end, changed, *low[:1].tolist())
 
 
 def _ran(scene: Scene, recording: Path) -> tuple[RunData, str]:
@@ -230,9 +220,7 @@ def _ran(scene: Scene, recording: Path) -> tuple[RunData, str]:
     recording.parent.mkdir(parents=True, exist_ok=True)
     run = simulate(scene, boards=True)
     run.provenance = provenance(scene.seed)
-    how = "simulated"
-    if scene.controllers:
-        how = _in_lockstep(scene, recording, run)
+    how = _in_lockstep(scene, recording, run) if scene.controllers else "simulated"
     if how.startswith("simulated"):
         save(run, recording)
     return run, how
@@ -258,49 +246,39 @@ def _in_lockstep(scene: Scene, recording: Path, run: RunData) -> str:
 
 def _remarks(timed: Timed, case: Case, what: str, uneven: float) -> Iterator[str]:
     """What happened in a run, and why the growth in time is not that of the eigenvalue."""
-    mode = case.mode
     if math.isfinite(timed.changed):
         yield f"{what} from {timed.changed:.3g} s on"
     if not case.unit:
         yield "its plant states no place for a knock, so that nothing moves it"
-        return
-    if timed.agrees:
-        return
-    why = []
+    elif not timed.agrees:
+        yield "eigenvalue and time disagree: " + ("; ".join(_causes(timed, case, uneven)) or "no cause is known")
+
+
+def _causes(timed: Timed, case: Case, uneven: float) -> Iterator[str]:
     if math.isnan(timed.growth):
-        why.append("too few periods of a small motion")
+        yield "too few periods of a small motion"
     if case.offset > _OFFSET * _DECAYS:
-        why.append(
-            f"the run begins {100.0 * case.offset:.2g} % of the way to stick away from sliding, as start.* states"
-        )
-    if math.isfinite(mode.slower):
-        why.append(f"a mode at {mode.slower:.5g} Hz decays more slowly and does not count here")
+        yield f"the run begins {100.0 * case.offset:.2g} % of the way to stick away from sliding, as start.* states"
+    if math.isfinite(case.mode.slower):
+        yield f"a mode at {case.mode.slower:.5g} Hz decays more slowly and does not count here"
     for name, section in case.scene.controllers.items():
         if section.delay % case.scene.frame_ns:
-            why.append(f"the delay of {name} is no whole number of frames, and a run rounds it up")
+            yield f"the delay of {name} is no whole number of frames, and a run rounds it up"
     if case.scene.network.act or case.scene.network.meas:
-        why.append("links delay and lose messages, which the eigenvalue leaves out")
+        yield "links delay and lose messages, which the eigenvalue leaves out"
     if uneven > _UNEVEN:
-        why.append("the envelope is uneven: other modes, or noise of sensors")
-    yield "eigenvalue and time disagree: " + ("; ".join(why) or "no cause is known")
+        yield "the envelope is uneven: other modes, or noise of sensors"
 
 
 def table(timed: Sequence[Timed]) -> Table:
     """Return the table of the runs."""
-    columns = (
-        Column("in time"),
-        Column("eigenvalue", "1/s", ".5g"),
-        Column("at", "Hz", ".5g"),
-        Column("growth in time", "1/s", ".5g"),
-        Column("least knock", "N s", ".4g"),
-        Column("run"),
-    )
+    growths = (Column("eigenvalue", "1/s", ".5g"), Column("at", "Hz", ".5g"), Column("growth in time", "1/s", ".5g"))
+    columns = (Column("in time"), *growths, Column("least knock", "N s", ".4g"), Column("run"))
     rows = []
     for run in timed:
         least = run.least.size if run.least is not None else math.nan
-        numbers = (run.expected, run.hertz, run.growth, least)
-        rows.append((run.name, *map(_finite, numbers), run.how))
-    return Table("in_time", columns, rows)
+        rows.append((run.name, run.expected, run.hertz, run.growth, least, run.how))
+    return Table("in_time", columns, plain(rows))
 
 
 def envelopes(timed: Sequence[Timed]) -> Table:
@@ -315,32 +293,24 @@ def envelopes(timed: Sequence[Timed]) -> Table:
 def lines(timed: Sequence[Timed]) -> Iterator[str]:
     """Yield what there is to say of the runs and of the least knocks."""
     for run in timed:
-        yield f"{run.name}: {run.recording}{'; ' if run.remark else ''}{run.remark}"
+        yield "; ".join(filter(None, [f"{run.name}: {run.recording}", run.remark]))
         if run.least is not None:
             yield f"{run.name}, least knock: {run.least.how}"
 
 
 def facts(timed: Sequence[Timed]) -> list[dict[str, Any]]:
     """Return what JSON has beside the table."""
-    rows = []
-    for run in timed:
-        least = run.least
-        knock = None if least is None else {"low": _finite(least.low), "high": _finite(least.high), "how": least.how}
-        rows.append(
-            {
-                "design": run.design,
-                "rig": run.rig,
-                "agrees": run.agrees,
-                "evaluated": [run.begin, run.end],
-                "contact_changes": _finite(run.changed),
-                "remark": run.remark,
-                "recording": run.recording,
-                "output": run.output,
-                "knock": knock,
-            }
-        )
-    return rows
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return [
+        {
+            "design": run.design,
+            "rig": run.rig,
+            "agrees": run.agrees,
+            "evaluated": [run.begin, run.end],
+            "contact_changes": run.changed,
+            "remark": run.remark,
+            "recording": run.recording,
+            "output": run.output,
+            "knock": run.least and run.least._asdict(),
+        }
+        for run in timed
+    ]

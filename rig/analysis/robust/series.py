@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.robust.box import Box, Limit
-from rig.analysis.robust.tasks import Region, Tasks
-from rig.analysis.robust.worst import Worst, worst
+from rig.analysis.robust.box import Box
+from rig.analysis.robust.descent import beyond
+from rig.analysis.robust.design import Designed
+from rig.analysis.robust.tasks import Region, Tasks, worst
 from rig.errors import UsageError
+from rig.scenes.axis import Axis
+from rig.units import brief
 
 Array = NDArray[np.float64]
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
@@ -27,19 +29,6 @@ COMPONENTS = ("ohm", "H", "F")
 """Units of the values that are components."""
 _EACH = 2  # values of the series on either side of a design
 _TRIED = 4  # combinations whose worst rig is searched
-
-
-class Rounded(NamedTuple):
-    """A design x [free] of components of a `series`, with its worst rig; `before`: the design that was rounded, and
-    `growth` [1/s] of its worst rig; `tried`: number of combinations near it.
-    """
-
-    series: str
-    x: Array
-    worst: Worst
-    before: Array
-    growth: float
-    tried: int
 
 
 def decade(series: str) -> list[float]:
@@ -62,71 +51,64 @@ def near(value: float, series: str, each: int = _EACH) -> list[float]:
     return every[at - each : at + each]
 
 
-def checked(series: str | None, box: Box) -> str:
-    """Return the name of a series. Raises UsageError for another name, for a design without components, and for a
-    range without a value of the series.
+def _sold(axis: Axis, value: float, series: str) -> list[float]:
+    """The values of a series near a value, within the range of the axis."""
+    low, high = axis.values
+    return [each for each in near(value, series) if low <= each <= high]
+
+
+def checked(series: str | None, box: Box, tolerance: bool) -> str:
+    """Return the name of a series. Raises UsageError for another name, for a `tolerance`, for a design without
+    components, and for a range without a value of the series.
     """
     if series is None:
         return ""
-    name = series.upper() if isinstance(series, str) else ""
+    name = str(series).upper()
     if name not in SERIES:
-        raise UsageError(f"series {series}: expected {', '.join(SERIES)}")
+        raise UsageError(f"series {brief(series)}: expected {', '.join(SERIES)}")
     components = [axis for axis in box.free if axis.unit in COMPONENTS]
     if not components:
         raise UsageError(
             f"series {name}: no free value is a component (resistance, inductance, capacitance); leave --series out, "
             "or free one with --over"
         )
-    faults = []
-    for axis in components:
-        low, high = axis.values
-        if high <= 0.0 or not any(low <= value <= high for value in near(high, name)):
-            ends = f"{axis.text(low)} and {axis.text(high)}"
-            faults.append(f"series {name}: has no value of {axis.key} between {ends}; state a wider range")
-    if faults:
-        raise UsageError("\n".join(faults))
+    if tolerance:
+        raise UsageError(
+            "series: a design at the edge of a tolerance holds with no other values; state the tolerance with "
+            "--against and minimise the growth"
+        )
+    empty = [axis for axis in components if not _sold(axis, axis.values[1], name)]
+    between = [f"{axis.key} between {' and '.join(map(axis.text, axis.values))}" for axis in empty]
+    if between:
+        raise UsageError("\n".join(f"series {name}: has no value of {each}; state a wider range" for each in between))
     return name
 
 
-def rounded(
-    tasks: Tasks, x: Array, bad: Worst, rigs: Array, region: Region, limits: tuple[Limit, ...], series: str
-) -> Rounded:
-    """Return design x [free] with components of a series. `bad`: its worst rig; `rigs` [k, uncertain]: those that it
-    was designed against.
+def rounded(tasks: Tasks, design: Designed, region: Region, series: str) -> tuple[Designed, int]:
+    """Return a design with components of a series, and the number of combinations near it.
 
     Raises UsageError if no value of the series lies within the ranges and limits of the design.
     """
     box = tasks.growth.box
-    values = box.design(x)
+    values = box.design(design.x)
     choices = []
-    for axis, share in zip(box.free, x.tolist()):
+    for axis, share in zip(box.free, design.x.tolist()):
         low, high = axis.values
-        if axis.unit not in COMPONENTS:
-            choices.append([share])
-            continue
-        sold = [value for value in near(values[axis.key], series) if low <= value <= high]
-        if not sold:
+        sold = [(value - low) / (high - low) for value in _sold(axis, values[axis.key], series)]
+        choices.append(sold if axis.unit in COMPONENTS else [share])
+        if not choices[-1]:
             raise UsageError(
                 f"series {series}: has no value near {axis.key} = {axis.text(values[axis.key])}, where the search "
                 "ended; state a range that begins above it, or leave --series out"
             )
-        choices.append([(value - low) / (high - low) for value in sold])
-    designs = np.array([d for d in map(np.array, itertools.product(*choices)) if _allowed(d, limits)])
-    if not len(designs):
+    designs = [x for x in map(np.array, itertools.product(*choices)) if not beyond(x, tasks.limits)]
+    if not designs:
         raise UsageError(f"series {series}: no combination of its values keeps the limits of the design")
-    U = np.unique(np.vstack([rigs, bad.rigs]), axis=0)
-    found = tasks.growths(np.repeat(designs, len(U), axis=0), np.tile(U, (len(designs), 1)))
-    growths = found.growth.reshape(len(designs), len(U)).max(axis=1)
-    best: tuple[Array, Worst] | None = None
+    U = np.unique(np.vstack([design.rigs, design.worst.u]), axis=0)
+    growths = tasks.largest(np.array(designs), U)
+    tried: list[Designed] = []
     for i in np.argsort(growths, kind="stable")[:_TRIED].tolist():
-        if best is not None and growths[i] >= best[1].growth:
-            break
-        its = worst(tasks, designs[i], region, U)
-        if best is None or its.growth < best[1].growth:
-            best = designs[i], its
-    assert best is not None
-    return Rounded(series, *best, x, bad.growth, len(designs))
-
-
-def _allowed(x: Array, limits: tuple[Limit, ...]) -> bool:
-    return all(limit.excess(x) <= 0.0 for limit in limits)
+        if not tried or growths[i] < min(other.growth for other in tried):
+            bad = worst(tasks, designs[i], region, U)
+            tried.append(design._replace(x=designs[i], worst=bad, audit=None))
+    return min(tried, key=lambda other: other.growth), len(designs)

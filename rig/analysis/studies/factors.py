@@ -195,11 +195,13 @@ class Identified:
             raise UsageError(f"{text.strip()}: expected {IDENTIFIED}(FILE), the covariance that rig identify wrote")
         try:
             content = Path(file).read_text("utf-8")
-            known = [row["key"] for row in json.loads(content)["parameters"]]
         except OSError as fault:
             raise UsageError(f"{file}: cannot be read: {fault.strerror}") from None
-        except (ValueError, KeyError, TypeError):
-            raise UsageError(f"{file}: is no covariance of rig identify (NAME.covariance.json)") from None
+        except UnicodeDecodeError:
+            content = ""
+        known = _identified(content)
+        if not known:
+            raise UsageError(f"{file}: is no covariance of rig identify (NAME.covariance.json)")
         if key not in known:
             raise UsageError(f"{file} has no {key}; {near(key, known, 'it has ' + ', '.join(known))}")
         return cls(file, key, content)
@@ -229,6 +231,40 @@ class Identified:
             for row, column in zip(rows, z.T)
         ]
         return np.column_stack([np.clip(v, row["from"], row["to"]) for v, row in zip(values, rows)])
+
+
+def _identified(content: str) -> list[str]:
+    """The keys of a covariance that rig identify has written; none of anything else."""
+    try:
+        stored = json.loads(content)
+        rows = stored["parameters"]
+        numbers = [[float(row[name]) for name in ("value", "size", "from", "to")] for row in rows]
+        known = [str(row["key"]) for row in rows if isinstance(row["unit"], str) and isinstance(row["log"], bool)]
+        C = np.array(stored["covariance"], dtype=np.float64)
+        np.linalg.cholesky(C)
+    except (ValueError, KeyError, TypeError, np.linalg.LinAlgError):
+        return []
+    positive = all(value > 0.0 for (value, *_), row in zip(numbers, rows) if row["log"])
+    whole = positive and not np.isnan(numbers).any() and np.isfinite(C).all()
+    return known if whole and C.shape == (len(rows), len(rows)) == (len(known), len(known)) else []
+
+
+def drawn(given: Sequence[Distribution | Identified], units: Sequence[str], shares: Array) -> Array:
+    """Return the values [sample, parameter] of distributions, each in its unit, at shares of the same shape.
+
+    Parameters that were identified together are drawn together.
+    """
+    values = np.zeros_like(shares)
+    joint: dict[str, list[int]] = {}
+    for i, each in enumerate(given):
+        if isinstance(each, Identified):
+            joint.setdefault(each.file, []).append(i)
+        else:
+            values[:, i] = each.quantile(shares[:, i], units[i])
+    for index in joint.values():
+        together = [each for i in index if isinstance(each := given[i], Identified)]
+        values[:, index] = Identified.drawn(together, shares[:, index])
+    return values
 
 
 @dataclass(frozen=True)
@@ -270,6 +306,40 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
     return tuple(varied)
 
 
+def ranges(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
+    """Return the factors of ranges, with both ends as values: key -> "10 N:30 N" or (10.0, 30.0).
+
+    Raises SceneError with every fault.
+    """
+    pairs = {key: pair(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
+    faults = [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key, ends in pairs.items() if ends is None]
+    given = {key: ends for key, ends in pairs.items() if ends is not None}
+    varied: tuple[Factor, ...] = ()
+    try:
+        varied = factors(scene, given if pairs else over) if given or not pairs else ()
+    except SceneError as error:
+        faults += error.faults
+    for factor in varied:
+        low, high = factor.axis.values
+        if not low < high:
+            faults.append(f"{factor.key}: the range must rise, from {factor.axis.text(low)} upwards")
+    if faults:
+        raise SceneError(scene.name, faults)
+    return varied
+
+
+def pair(given: Any) -> Any:
+    """Return both ends of a range, "10 N:30 N" or two numbers, as a list of values; None for what is no range."""
+    if isinstance(given, str):
+        parts = [part.strip() for part in given.split(":")]
+        if len(parts) != 2 or not all(parts) or "," in given:
+            return None
+        return ", ".join(parts)
+    if not isinstance(given, Sequence | np.ndarray) or len(given) != 2 or "" in map(str, given):
+        return None
+    return list(given)
+
+
 def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
     if isinstance(given, str) and given.strip().startswith(f"{IDENTIFIED}("):
         given = Identified.read(given, key)
@@ -279,7 +349,7 @@ def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
     if isinstance(given, Distribution | Identified):
         given.in_si(unit)  # the values have units that fit
         return Factor(Axis(key, unit, (), unit, words=words), given)
-    values, shown = _spaced(given, unit) if isinstance(given, str) and ":" in given else _listed(given, unit)
+    values, shown = _spaced(given, unit) if isinstance(given, str) and ":" in given else listed(given, unit)
     if not values:
         raise ValueError(f"the list is empty; {FORM}")
     if len(set(values)) < len(values):
@@ -297,12 +367,12 @@ def _spaced(given: str, unit: str) -> tuple[list[float], str]:
     count = value_count(parts[2])
     if any("," in part for part in parts):
         raise ValueError(f"{shortened(given)}: {FORM}; a number has a point, 0.5, not a comma")
-    (low, high), shown = _listed(f"{parts[0]}, {parts[1]}", unit)
+    (low, high), shown = listed(f"{parts[0]}, {parts[1]}", unit)
     return np.linspace(low, high, count).tolist(), shown
 
 
-def _listed(given: Any, unit: str) -> tuple[list[float], str]:
-    """The values of a list in SI, and the unit in which they are shown."""
+def listed(given: Any, unit: str) -> tuple[list[float], str]:
+    """Return the values of a list in SI, and the unit in which they are shown. Raises ValueError."""
     if isinstance(given, str):
         texts = with_units([part for part in map(str.strip, given.split(",")) if part])
         parts: list[Any] = [text if parted(text)[1] else number_or_text(text) for text in texts]

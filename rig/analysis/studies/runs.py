@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.pool.kernel_shapes import prepare
-from rig.analysis.studies.factors import Factor, Identified, factors
+from rig.analysis.studies.factors import Factor, Identified, drawn, factors
 from rig.analysis.studies.measures import LOOP, Measure, as_point, evaluate
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
@@ -115,17 +115,8 @@ class Plan:
     def draws(self) -> Array:
         """The drawn values (SI), [sample, drawn parameter]."""
         shares = np.clip(self.shares, _EDGE, 1.0 - _EDGE)  # a normal distribution has no value at 0 and 1
-        values = np.zeros((len(shares), len(self.drawn))) if self.drawn else np.zeros((1, 0))
-        joint: dict[str, list[int]] = {}
-        for i, factor in enumerate(self.drawn):
-            if isinstance(factor.distribution, Identified):
-                joint.setdefault(factor.distribution.file, []).append(i)
-            elif factor.distribution is not None:
-                values[:, i] = factor.distribution.quantile(shares[:, i], factor.axis.unit)
-        for index in joint.values():
-            together = [d for i in index if isinstance(d := self.drawn[i].distribution, Identified)]
-            values[:, index] = Identified.drawn(together, shares[:, index])
-        return values
+        given = [factor.distribution for factor in self.drawn if factor.distribution is not None]
+        return drawn(given, [factor.axis.unit for factor in self.drawn], shares) if given else np.zeros((1, 0))
 
     def values(self, number: int) -> dict[str, float]:
         """Return the values (SI) of the parameters of a point."""

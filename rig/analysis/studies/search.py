@@ -19,8 +19,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rig.analysis.pool import Arrays, Progress, Store, pool
-from rig.analysis.studies.factors import Factor, factors
+from rig.analysis.pool import Arrays, Progress, Store, asking
+from rig.analysis.studies.factors import Factor, ranges
 from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
@@ -191,38 +191,18 @@ def prepared(
         )
     faults = Faults()
     wanted: tuple[Measure, ...] = faults(lambda: measures(scene, given_measures)[:1], ())
-    ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
-    given = {key: ends for key, ends in ranges.items() if ends is not None}
-    faults.found += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in ranges if key not in given]
-    varied: tuple[Factor, ...] = ()
-    if given or not ranges:
-        varied = faults(lambda: factors(scene, given if ranges else over), ())
+    varied: tuple[Factor, ...] = faults(lambda: ranges(scene, over), ())
     first = faults(lambda: first_seed(scene, seed), 0)
-    for factor in varied:
-        if not factor.axis.values[0] < factor.axis.values[1]:
-            low = factor.axis.text(factor.axis.values[0])
-            faults.found.append(f"{factor.key}: the range must rise, from {low} upwards")
-    least = max(_LEAST, _POPULATION * max(len(ranges), 1))
+    count = len(over) if isinstance(over, Mapping) else 1
+    least = max(_LEAST, _POPULATION * count)
     most = faults(lambda: whole("evaluations", evaluations, 1, MOST), least)
     if most < least:
-        faults.found.append(f"evaluations = {most}: must be at least {least} for {counted(len(ranges), 'parameter')}")
+        faults.found.append(f"evaluations = {most}: must be at least {least} for {counted(count, 'parameter')}")
     plan = Plan(varied, 1, "", 1, first, alike=True)
     work = SearchRuns(scene, plan, wanted, duration, maximise is not None, most)
     faults(lambda: check_length(scene, duration, work.of_run), None)
     faults.raise_found()
     return work
-
-
-def _range(given: Any) -> Any:
-    """The two ends of a range as the values of a parameter; None for what is no range."""
-    if isinstance(given, str):
-        parts = [part.strip() for part in given.split(":")]
-        if len(parts) != 2 or not all(parts) or "," in given:
-            return None
-        return ", ".join(parts)
-    if not isinstance(given, Sequence | np.ndarray) or len(given) != 2 or "" in map(str, given):
-        return None
-    return list(given)
 
 
 def search(
@@ -245,21 +225,16 @@ def search(
     say = progress or (lambda done, total: None)
     low, high = np.array([factor.axis.values for factor in work.plan.factors]).T
     points: list[list[float]] = []
-    with store.open(units), pool(units, store, workers, work.population, cluster=cluster) as processes:
-        rows = store.load()
+    rows: list[Arrays] = []
+    with asking(units, store, workers, work.population, cluster) as ask:
 
         def values(generation: Array) -> Array:
             """The values of a `generation` [parameter, point], to be made small."""
             begin = len(points)
             points.extend(generation.T.tolist())
-            todo = {unit: tuple(points[unit]) for unit in range(begin, len(points)) if unit not in rows}
-            ready = len(points) - len(todo)
-            if todo:
-                processes.compute(todo, lambda done: say(ready + done, work.evaluations))
-                rows.update(store.load())
-                rows.update({unit: work.failed(unit, why) for unit, why in processes.failed.items() if unit in todo})
-            say(len(points), work.evaluations)
-            every, _ = _values(rows, len(points))
+            todo = {unit: tuple(points[unit]) for unit in range(begin, len(points))}
+            rows.extend(ask(todo, lambda done: say(begin + done, work.evaluations)))
+            every, _ = _values(rows)
             to_be_small = (-1.0 if work.largest else 1.0) * every[begin:]
             return np.where(np.isfinite(to_be_small), to_be_small, _WORST)
 
@@ -275,8 +250,8 @@ def search(
             updating="deferred",
             vectorized=True,
         )
-    measured, unit = _values(rows, len(points))
-    reasons = tuple(str(rows[number]["reason"]) for number in range(len(points)))
+    measured, unit = _values(rows)
+    reasons = tuple(str(row["reason"]) for row in rows)
     return SearchResult(
         scene=work.scene,
         factors=work.plan.factors,
@@ -294,7 +269,6 @@ def search(
     )
 
 
-def _values(rows: Mapping[int, Arrays], count: int) -> tuple[Array, str]:
-    """The values of the first points in one unit, and this unit."""
-    first = [rows[unit] for unit in range(count)]
-    return one_unit([float(row["values"][0]) for row in first], [str(row["units"][0]) for row in first])
+def _values(rows: Sequence[Arrays]) -> tuple[Array, str]:
+    """The values of all points in one unit, and this unit."""
+    return one_unit([float(row["values"][0]) for row in rows], [str(row["units"][0]) for row in rows])

@@ -409,7 +409,7 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
             were = "was" if count == 1 else "were"
             messages = counted(count, "message")
             yield f"{messages} of the commands of {name} {were} lost on the way: the run cannot be repeated"
-    for name in run.commands.keys() - again.commands.keys():
+    for name in sorted(run.commands.keys() - again.commands.keys()):
         yield f"the commands of {name} are recorded, but not that it was admitted: the run cannot be repeated"
     for name, (t_ns, _) in run.measurements.items():
         if name not in again.measurements:

@@ -65,12 +65,12 @@ def kept_pace(scene: Scene, pace: float, cost: FrameCost, adapts: bool) -> tuple
     if holding == pace:
         return pace, f"pace {pace:g}: {_what(scene, pace)} is {busy:.0%} busy on this machine" if adapts else ""
     where = "" if cost.whole else f" in the first {cost.seconds:.3g} s of the run"
-    found = f"at a pace of {pace:g} {_what(scene, pace)} is {busy:.0%} busy on this machine{where}"
+    load = f"at a pace of {pace:g} {_what(scene, pace)} is {busy:.0%} busy on this machine{where}"
     if adapts:
-        return holding, f"pace {holding:g}: {found}, and {MOST:.0%} holds"
+        return holding, f"pace {holding:g}: {load}, and {MOST:.0%} holds"
     late = "will" if busy > 1.0 else "may"
     return pace, (
-        f"warning: {found}, and frames {late} be late; a pace of {holding:g} holds: --pace {holding:g}, or --pace auto "
+        f"warning: {load}, and frames {late} be late; a pace of {holding:g} holds: --pace {holding:g}, or --pace auto "
         "to let each machine find its own"
     )
 

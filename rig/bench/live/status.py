@@ -206,8 +206,8 @@ def _loop(outcome: Mapping[str, Any]) -> list[str]:
             f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
             f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)"
         )
-    for name, there in outcome.get("links", {}).items():
-        times = " / ".join(f"{there[quantile] / 1e3:.2f}" for quantile in ("p50", "p99", "max"))
+    for name, link in outcome.get("links", {}).items():
+        times = " / ".join(f"{link[quantile] / 1e3:.2f}" for quantile in ("p50", "p99", "max"))
         lines.append(f"{name} on another host: {times} ms")
     for name, counts in outcome["loop"].items():
         if name == "refused":

@@ -74,7 +74,8 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
     speed = float(given.drive.speed)
     for lasts, to in chain(_pieces(scene.protocol), [(rest, None)]):
         part = min(lasts, left - time)
-        after = speed if to is None else speed + (to - speed) * (part / lasts if lasts else 1.0)
+        share = part / lasts if lasts else 1.0
+        after = speed if to is None else speed + (to - speed) * share
         place += 0.5 * (speed + after) * part
         time += part
         speed = after

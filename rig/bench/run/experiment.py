@@ -345,8 +345,9 @@ class Experiment:
         """Carry out what is due at the first tick and needs no measurement, so that it acts on the first samples."""
         while self._before:
             self._repeat(self._before.popleft())
-        for name in self._connected_later & self.exchange.queues.keys() - self.scene.controllers.keys():
-            self.exchange.connect(name, False)
+        for name in self.exchange.queues:
+            if name in self._connected_later and name not in self.scene.controllers:
+                self.exchange.connect(name, False)
         for action in self.protocol.due(0, np.full(len(self.runner.bank.names), np.nan)):
             self._carry_out(action)
         self.runner.start()

@@ -88,9 +88,10 @@ class Comparison:
             if other is None:
                 continue
             theirs = _compared_values(*other)
-            for name in mine.keys() & theirs.keys():
+            for name, (value, size, weight) in mine.items():  # in their order: the last digit of a sum hangs on it
+                if name not in theirs:
+                    continue
                 group = name.partition(" ")[0]
-                value, size, weight = mine[name]
                 value_there, size_there, _ = theirs[name]
                 total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0, 0.0])
                 for j, part in enumerate((value - value_there, size, size_there)):

@@ -59,7 +59,11 @@ def on_measured(p: Feedback, state: PathState, t_ns: int, values: Values) -> tup
     smooth += smoothing * (v - smooth)
     lag += lagging * (smooth - lag)
     u = nominal + slope * (direct * smooth + lagged * lag) if t_ns >= enable_ns else nominal
-    return (z, t_ns + period_ns, smooth, lag), (low if u < low else high if u > high else u,)
+    if u < low:
+        u = low
+    elif u > high:
+        u = high
+    return (z, t_ns + period_ns, smooth, lag), (u,)
 
 
 def _on_observed(p: Any, state: PathState, t_ns: int, y: float, advance: Any) -> tuple[PathState, Values]:

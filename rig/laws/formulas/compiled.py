@@ -178,7 +178,9 @@ def try_in_python(kind: type, module: ModuleType, numbers: Any, states: Sequence
         if m:
             own = {"mu": (w, 1.0, z.copy()), "rates": (w, 1.0, z.copy(), np.zeros(m))}
             own |= {"slopes": (w, 1.0, z.copy(), np.zeros((m + 1, m + 2))), "stored": (1.0, z.copy())}
-        for name in own.keys() & functions.keys():
+        for name in own:
+            if name not in functions:
+                continue
             with calling(module), np.errstate(all="ignore"):
                 try:
                     value = plain(functions[name])(numbers, *own[name])

@@ -176,7 +176,7 @@ class Place(Nodes):
     row: Line | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _one_choice(self) -> Self:
         given = [key for key in ("node", "nodes", "set", "box", "row") if getattr(self, key) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of node, nodes, set, box or row; there is {' and '.join(given) or 'none'}")
@@ -192,7 +192,7 @@ class Surface(Nodes):
     """The nodes of one side of a contact: a set, a list or a box of the mesh."""
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _one_choice(self) -> Self:
         if sum(getattr(self, key) is not None for key in ("set", "nodes", "box")) != 1:
             raise ValueError("give one of set, nodes or box")
         return self
@@ -233,7 +233,7 @@ class Contact(Section):
             "rows": self.rows is not None,
             "gap and along": self.gap is not None or self.along is not None,
         }
-        given = [kind for kind, there in kinds.items() if there]
+        given = [kind for kind, stated in kinds.items() if stated]
         wrong = []
         if len(given) != 1:
             wrong.append(("slave", f"give one of {', '.join(kinds)}; there is {' and '.join(given) or 'none'}"))

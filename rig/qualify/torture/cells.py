@@ -14,7 +14,7 @@ from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture.case import Case, Watched, changed, watched
-from rig.qualify.torture.results import FAULTS, CellResult, Found, OutOfTime, fault, judge, red
+from rig.qualify.torture.results import FAULTS, CellResult, OutOfTime, RunOutcome, fault, judge, red
 from rig.qualify.torture.trial import Trial, processes, recording
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
@@ -170,7 +170,7 @@ def _stops(case: Case, until: int, seconds: float) -> CellResult:
     return red("missed event", f"continues where it should stop: {case.expect.stops}")
 
 
-def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
+def _reference(case: Case, until: int, seconds: float) -> RunOutcome | CellResult:
     """A run with a finer step and a tight tolerance, or why there is none."""
     finest = min(case.steps)
     step = finest // FINER if finest % FINER == 0 else finest
@@ -186,7 +186,9 @@ def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
     return reference_run
 
 
-def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
+def _cell(
+    case: Case, method: str, scene: Watched, until: int, seconds: float, reference: RunOutcome | CellResult
+) -> Cell:
     default = scene.clock.method == cases.own_method(case)
     spent = 0.0
     speed = None

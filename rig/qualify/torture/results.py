@@ -57,7 +57,7 @@ FAULTS = (OutOfTime, RigError, ValueError)
 
 
 @dataclass
-class Found:
+class RunOutcome:
     """The outcome of a run. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
 
     events: list[tuple[float, str]] = field(default_factory=list)
@@ -126,14 +126,14 @@ def fault(error: Exception) -> CellResult:
     return red(kind, f"at {error.time:.6g} s: {text}")
 
 
-def judge(case: Case, outcome: Found, reference: Found | None, step: float = 1e-3) -> CellResult:
+def judge(case: Case, outcome: RunOutcome, reference: RunOutcome | None, step: float = 1e-3) -> CellResult:
     """Return the result of a run in steps of `step` [s] that completed: its first fault."""
     checks = (_physical(case, outcome, reference), _expected(case, outcome, reference), _on_time(outcome, step))
     green = CellResult("green", "", ", ".join(outcome.notes))
     return next(itertools.chain(*checks), green)
 
 
-def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
+def _physical(case: Case, outcome: RunOutcome, reference: RunOutcome | None) -> Iterator[CellResult]:
     """Faults of numbers, contacts, sticking and energy."""
     if outcome.not_finite:
         yield red("NaN", "a state or a measurement is not finite")
@@ -164,7 +164,7 @@ def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[C
         yield red("energy", f"friction returns {outcome.negative_power:.2g} of its largest power")
 
 
-def _expected(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
+def _expected(case: Case, outcome: RunOutcome, reference: RunOutcome | None) -> Iterator[CellResult]:
     """Deviations from what the case expects, and from the events of the reference."""
     for name, most in case.expect.largest.items():
         if not outcome.largest.get(name, 0.0) <= most:
@@ -190,17 +190,17 @@ def _expected(case: Case, outcome: Found, reference: Found | None) -> Iterator[C
             yield amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
 
 
-def _tie(outcome: Found, reference: Found, at: int) -> bool:
+def _tie(outcome: RunOutcome, reference: RunOutcome, at: int) -> bool:
     """Whether both have the same simultaneous events at that instant, in any order."""
     instant, _ = outcome.events[at]
 
-    def simultaneous(run: Found) -> list[str]:
+    def simultaneous(run: RunOutcome) -> list[str]:
         return sorted(what for time, what in run.events if abs(time - instant) < _TOGETHER)
 
     return simultaneous(outcome) == simultaneous(reference)
 
 
-def _on_time(outcome: Found, step: float) -> Iterator[CellResult]:
+def _on_time(outcome: RunOutcome, step: float) -> Iterator[CellResult]:
     """Faults of pace."""
     if outcome.burst * step > PAUSE * 1e-9:
         yield red("overrun", f"{counted(outcome.burst, 'frame')} in one burst after a pause")

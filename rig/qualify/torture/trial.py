@@ -27,7 +27,7 @@ from rig.model.film import at
 from rig.model.system import System
 from rig.printable import counted
 from rig.qualify.torture.case import Act, Case, Watched, changed
-from rig.qualify.torture.results import CellResult, Found, OutOfTime, red
+from rig.qualify.torture.results import CellResult, OutOfTime, RunOutcome, red
 from rig.record import reader
 from rig.record.compare import compare
 from rig.record.run import Run
@@ -70,7 +70,7 @@ class Trial:
     def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
         self.case = case
         self.until_ns = until_ns
-        self.found = Found()
+        self.outcome = RunOutcome()
         self._stop = seconds
         self._begin = time.thread_time()
         self.runner = PlantRunner(scene, piece=ROWS * scene.step_ns // scene.frame_ns)
@@ -80,7 +80,7 @@ class Trial:
         self._set()
         self._stuck_ticks = 0
         values = self.runner.output_values()
-        self.found.began = dict(zip(self.runner.outputs, values.tolist()))
+        self.outcome.began = dict(zip(self.runner.outputs, values.tolist()))
         self._exchange: Exchange | None = None
         self._key = self.motion.key
         self._seen = 0
@@ -91,17 +91,17 @@ class Trial:
         at = {name: i for i, name in enumerate(self.runner.outputs)}
         self._changes = cache(self._between)
         system = self.motion.system
-        self.found.with_film = system.film is not None
+        self.outcome.with_film = system.film is not None
         self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]  # friction and slip speed
         self._normals = [(at[f"N:{k.name}"], k.patch, k.opens) for k in system.normals]
 
-    def run(self) -> Found:
+    def run(self) -> RunOutcome:
         """Simulate the case to its end. Raises NumericsError if it must stop, OutOfTime."""
-        outcome = self.found
+        outcome = self.outcome
         try:
             for at_ns, act, turn in self._schedule():
                 self._carry(at_ns)
-                self._do(act, turn)
+                self._act(act, turn)
             self._carry(self.until_ns)
         except _Left as left:
             outcome.notes.append(str(left))
@@ -141,7 +141,7 @@ class Trial:
                     actions.append((at, act, turn))
         return sorted(actions, key=lambda action: action[0])
 
-    def _do(self, act: Act, turn: int) -> None:
+    def _act(self, act: Act, turn: int) -> None:
         runner = self.runner
         if act.do == "set" and act.over is not None:
             runner.ramp(act.target, act.to, act.over // self._step)
@@ -183,9 +183,9 @@ class Trial:
             pacer.wait()
             if frame == 0:
                 clock.time += length_ns
-            self.found.burst += not pacer.waited and frame > 0
+            self.outcome.burst += not pacer.waited and frame > 0
             self._carry((self.motion.tick + 1) * self._step)
-        self.found.notes.append(f"{counted(pacer.frames_given_up, 'frame')} given up, {self.found.burst} caught up")
+        self.outcome.notes.append(f"{counted(pacer.frames_given_up, 'frame')} given up, {self.outcome.burst} caught up")
 
     def _carry(self, until_ns: int) -> None:
         motion = self.motion
@@ -197,11 +197,11 @@ class Trial:
             kept = motion.kept
             begin = time.thread_time()
             motion.advance(ticks, keep=True)
-            self.found.carrying += time.thread_time() - begin
+            self.outcome.carrying += time.thread_time() - begin
             self._last = (motion.kept - kept - 1) % self.runner.steps + 1
             self.runner.tick = motion.tick // self.runner.steps
             bank = self.runner.bank
-            self.found.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
+            self.outcome.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
             if bank.short:
                 bank.fill()
             if motion.event_count:
@@ -238,9 +238,9 @@ class Trial:
         """Count what changes with mode set `key`, and store it while there is room."""
         changes = self._changes(self._key, key)
         self._key = key
-        self.found.count += len(changes)
-        if len(self.found.events) < KEPT:
-            self.found.events += [(at, what) for what in changes]
+        self.outcome.count += len(changes)
+        if len(self.outcome.events) < KEPT:
+            self.outcome.events += [(at, what) for what in changes]
 
     def _between(self, before: int, after: int) -> tuple[str, ...]:
         """The difference between two mode sets, in words."""
@@ -260,7 +260,7 @@ class Trial:
     def _look(self) -> None:
         """Check the data of every step, and discard it."""
         motion = self.motion
-        outcome = self.found
+        outcome = self.outcome
         rows = motion.kept
         if not rows:
             return
@@ -293,7 +293,7 @@ class Trial:
         self, p: int, states: Array, values: Array, mode_sets: NDArray[Any], keys: list[int], largest: float
     ) -> None:
         """Check power, cone and creep of a patch; `largest`: of all states."""
-        outcome = self.found
+        outcome = self.outcome
         system = self.motion.system
         normals = [(column, opens) for column, of, opens in self._normals if of == p]
         T, w = (values[:, column] for column in self._patches[p])
@@ -333,7 +333,7 @@ class Trial:
             outcome.creep = max(outcome.creep, creep)
 
 
-def look(system: System, states: Array, outcome: Found) -> None:
+def look(system: System, states: Array, outcome: RunOutcome) -> None:
     """Record in `outcome` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
     film = system.film
     assert film is not None

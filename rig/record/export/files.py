@@ -293,10 +293,10 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
         return
     former = package_files(target) - {complete.name for complete in drafts} if folder else set()
     for complete in drafts:
-        there = target / complete.name if folder else target
-        if there.exists():
-            complete.chmod(there.stat().st_mode)
-        complete.replace(there)
+        place = target / complete.name if folder else target
+        if place.exists():
+            complete.chmod(place.stat().st_mode)
+        complete.replace(place)
     for name in former:  # a table of another recording beside these would be taken for one of them
         (target / name).unlink(missing_ok=True)
 
@@ -390,7 +390,7 @@ def _signals(tables: Tables) -> Iterator[tuple[str, Table, Column, slice]]:
             name = re.sub(r"\W", "_", f"{table.name}_{column.name}")
             if table.channels and column.name != MODE:
                 numbered = [name] if len(parts) == 1 else [f"{name}_{i}" for i in range(1, len(parts) + 1)]
-                yield from ((one, table, column, part) for one, part in zip(numbered, parts, strict=True))
+                yield from ((file, table, column, part) for file, part in zip(numbered, parts, strict=True))
 
 
 FORMATS: dict[str, Format] = {

@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -30,8 +31,8 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.machine import files
+from rig.record.imports.columns import Column, MeasurementFile
 from rig.record.imports.instrument_units import UnitFault, is_time, meaning
-from rig.record.imports.measurement_file import Column, MeasurementFile
 from rig.record.run_data import Reals
 from rig.scenes.faults import near
 from rig.units import brief, parted
@@ -41,6 +42,7 @@ NAME = "import.toml"
 # Sensitivities: 125 mm/s/V, 2 kN/(mV/V)
 _PER = re.compile(r"(?P<unit>.*?)\s*/\s*(?:\((?P<ratio>[mkµu]?V/V)\)|(?P<per>[mkµu]?V|[mµu]?A|count|bit))")
 _TIMES = re.compile(r"(time|zeit|temps|t|timestamp|date.?time)(_?s)?", re.IGNORECASE)
+_UNIT_OF_1 = re.compile(r"1(?:\s*/.*)?")  # 1, 1/min
 _SLUG = re.compile(r"[^a-z0-9]+")
 
 
@@ -203,6 +205,15 @@ def _proposed_unit(stated: str) -> str:
     return "?" if not stated or stated_fault(stated) else stated
 
 
+def _is_usable(unit: str) -> bool:
+    """Whether a unit, or one of its two meanings, is that of a quantity of a bench."""
+    try:
+        meaning(unit)
+    except UnitFault as fault:
+        return any(_is_usable(way) for way, _ in fault.ways)
+    return True
+
+
 def stated_fault(unit: str) -> str:
     """Why a unit that a file states cannot be taken as it is, in words; "" if it can."""
     try:
@@ -224,13 +235,13 @@ def _known(name: str, columns: Mapping[str, Column], where: str, left_out: Mappi
 def _channel(column: Column, text: str, where: str) -> Channel:
     name, *parts = map(str.strip, text.split(","))
     told = f"{where}: {column.name} = {text}"
-    if not re.fullmatch(r"[A-Za-z]\w{0,63}", name):
-        raise UsageError(f"{told}: {brief(name)} is no name; expected letters, digits and _, at most 64")
+    if not re.fullmatch(r"[A-Za-z]\w{0,63}", name, re.ASCII):
+        raise UsageError(f"{told}: {brief(name)} is no name; expected letters from A to Z, digits and _, at most 64")
     offset = next((part for part in parts if part.startswith("offset")), "")
     scales = [part for part in parts if part and part is not offset]
     if len(scales) > 1 or "?" in text:
         raise UsageError(f"{told}: expected NAME, SCALE UNIT such as vibrometer, 125 mm/s/V")
-    scaled = bool(scales) and scales[0][0] in "+-.0123456789" and scales[0] != "1"
+    scaled = bool(scales) and scales[0][0] in "+-.0123456789" and not _UNIT_OF_1.fullmatch(scales[0])
     number, unit = parted(scales[0]) if scaled else ("", "".join(scales))
     scale = _number(number, told) if number else 1.0
     if number and scale == 0.0:
@@ -242,6 +253,9 @@ def _channel(column: Column, text: str, where: str) -> Channel:
             f'{told}: the file states no unit for {column.name}; add it, such as "{name}, mm/s" or "{name}, 1"'
         )
     unit, per = _parted_scale(unit, column.unit) if number else (unit, "")
+    if number and not per and (inverse := _inverse(scale, unit, column.unit)):
+        way = ", ".join(filter(None, (f"{column.name} = {name}", inverse, offset)))
+        raise UsageError(f'{told}: a scale is what one unit of the column is, not the inverse; write "{way}"')
     ratio = _ratio(column.unit, per) if number else None
 
     def mapped(way: str) -> str:
@@ -262,7 +276,7 @@ def _channel(column: Column, text: str, where: str) -> Channel:
             _, size, zero = meaning(of_offset or "1", target)
         except UnitFault as fault:
             raise UsageError(f"{told}: the unit of the offset {fault}; expected one of {target}") from None
-        added = _number(shown, told) * size + zero
+        added = _number(shown, told) * size + (0.0 if shift else zero)  # the unit of the column may have its zero
     other = not own and bool(column.unit) and ratio is None and not _equal(column.unit, unit)
     return Channel(
         column.name, name, target, scale * (ratio or 1.0) * factor, shift + added, column.unit if other else ""
@@ -278,6 +292,22 @@ def _parted_scale(unit: str, stated: str) -> tuple[str, str]:
     if match is None:
         return unit, ""
     return match["unit"] or "1", match["ratio"] or match["per"]
+
+
+def _inverse(scale: float, unit: str, stated: str) -> str:
+    """The sensitivity of a data sheet, "100 mV/g", the other way round, "0.01 g/mV"; "" for one that is no inverse."""
+    signal, slash, quantity = (text.strip() for text in unit.partition("/"))
+    if not slash or (stated and _ratio(stated, signal) is None) or (not stated and not _is_only_inverse(unit, signal)):
+        return ""
+    return f"{1.0 / scale:.15g} {quantity}/{signal}"
+
+
+def _is_only_inverse(unit: str, signal: str) -> bool:
+    """Whether a unit is a voltage or a current per quantity, mV/Pa, and no quantity of a bench itself."""
+    with suppress(UnitFault):
+        if meaning(signal).unit in ("V", "A"):
+            return not _is_usable(unit)
+    return False
 
 
 def _ratio(stated: str, per: str) -> float | None:

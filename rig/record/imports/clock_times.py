@@ -18,19 +18,28 @@ OPEN, DAY_FIRST, MONTH_FIRST = "open", "day", "month"
 _1970 = date(1970, 1, 1).toordinal()
 _CENTURY = 70  # a year of two digits from here on is of the 20th century, as POSIX has it for 69 and above. chosen
 _LEAP = 60  # the highest second, of a leap second
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+# Beginnings of the names of months, English and German -> number
+_MONTHS = {
+    **{name: i for i, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split(), 1)},
+    **{"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12},
+}
+_NAME = rf"(?:{'|'.join(_MONTHS)})[a-zä]*\.?"
 _DATE = (
     r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
     r"|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}|\d\d)"
     r"|(?P<first>\d\d?)(?P<mark>[/-])(?P<second_field>\d\d?)(?P=mark)(?P<last>\d{4}|\d\d)"
-    rf"|(?P<named_day>\d\d?)[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}))"
+    rf"|(?P<named_day>\d\d?)\.?[- ](?P<name>{_NAME})[- ](?P<named_year>\d{{4}}|\d\d)"
+    rf"|(?P<first_name>{_NAME}) (?P<second_day>\d\d?),? (?P<third_year>\d{{4}}))"
 )
 _CLOCK = (
-    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,](?P<part>\d{1,9}))?)?"
-    r"\s?(?P<half>[ap]\.?m\.?)?\s?(?P<zone>Z|[-+]\d\d:?\d\d)?"
+    r"(?:(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,](?P<part>\d{1,12})|:(?P<ms>\d{3}))?)?"
+    r"|(?P<only_minute>\d\d?):(?P<only_second>\d\d)[.,](?P<only_part>\d{1,12}))"
+    r"\s?(?P<half>[ap]\.?m\.?)?\s?(?P<zone>Z|UTC|GMT|[-+]\d\d(?::?\d\d)?)?"
 )
+# Without a time of day behind it, it is a number
+_COMPACT = r"(?P<compact_year>\d{4})(?P<compact_month>\d\d)(?P<compact_day>\d\d)"
 _WHOLE_DATE = re.compile(_DATE, re.IGNORECASE)
-_TIME = re.compile(rf"(?:{_DATE}(?:[T ]|,\s)\s*)?{_CLOCK}", re.IGNORECASE)
+_TIME = re.compile(rf"(?:(?:{_DATE}|{_COMPACT})(?:[T ]|,\s)\s*)?{_CLOCK}", re.IGNORECASE)
 
 
 def is_time(text: str) -> bool:
@@ -54,13 +63,16 @@ def is_date(text: str) -> bool:
 
 def has_date(text: str) -> bool:
     """Whether a time of day has a date."""
-    return _WHOLE_DATE.match(text) is not None
+    match = _TIME.fullmatch(text)
+    return _WHOLE_DATE.match(text) is not None or (match is not None and match["compact_year"] is not None)
 
 
 def is_short(text: str) -> bool:
     """Whether a time has two fields only and nothing that tells which: hours and minutes, or minutes and seconds."""
     match = _TIME.fullmatch(text)
-    return match is not None and not (match["second"] or match["half"] or match["zone"] or has_date(text))
+    if match is None or match["only_minute"]:
+        return False
+    return not (match["second"] or match["half"] or match["zone"] or has_date(text))
 
 
 def order(texts: Iterable[str]) -> str:
@@ -89,9 +101,10 @@ def nanoseconds(text: str, of_dates: str = OPEN) -> int:
     match = _TIME.fullmatch(text.strip())
     if match is None:
         raise UsageError(f"{text!r:.40} is not a time of day")
-    hour = int(match["hour"])
-    minute = int(match["minute"])
-    second = int(match["second"] or 0)
+    hour = int(match["hour"] or 0)
+    minute = int(match["minute"] or match["only_minute"])
+    second = int(match["second"] or match["only_second"] or 0)
+    part = (match["part"] or match["ms"] or match["only_part"] or "")[:9]  # what is finer than ns is left out
     try:
         if minute > 59 or second > _LEAP:
             raise ValueError
@@ -103,19 +116,25 @@ def nanoseconds(text: str, of_dates: str = OPEN) -> int:
     except ValueError:
         raise UsageError(f"{text!r:.40} is not a time of day") from None
     seconds = 3600 * hour + 60 * minute + second
-    if (zone := match["zone"] or "Z").upper() != "Z":
-        seconds -= int(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
-    return day * DAY_NS + seconds * 1_000_000_000 + int((match["part"] or "").ljust(9, "0"))
+    zone = match["zone"] or ""
+    if zone[:1] in ("+", "-"):
+        fields = zone[1:].replace(":", "").ljust(4, "0")
+        seconds -= int(f"{zone[0]}1") * (3600 * int(fields[:2]) + 60 * int(fields[2:]))
+    return day * DAY_NS + seconds * 1_000_000_000 + int(part.ljust(9, "0"))
 
 
 def _day(match: re.Match[str], of_dates: str) -> int:
     """Days from 1970 to the date; 0 without one. Raises ValueError."""
     if match["year"]:
         fields = match["year"], match["month"], match["day"]
+    elif match["compact_year"]:
+        fields = match["compact_year"], match["compact_month"], match["compact_day"]
     elif match["y"]:
         fields = match["y"], match["m"], match["d"]
     elif match["named_year"]:
-        fields = match["named_year"], str(1 + _MONTHS.index(match["name"].lower())), match["named_day"]
+        fields = match["named_year"], str(_MONTHS[match["name"][:3].lower()]), match["named_day"]
+    elif match["third_year"]:
+        fields = match["third_year"], str(_MONTHS[match["first_name"][:3].lower()]), match["second_day"]
     elif match["first"] and of_dates == DAY_FIRST:
         fields = match["last"], match["second_field"], match["first"]
     elif match["first"]:

@@ -21,22 +21,24 @@ import numpy as np
 from rig.bus import encode, run_setup
 from rig.errors import OutputError, UsageError
 from rig.printable import counted
-from rig.quantities import finite
 from rig.record.imports.channel_map import Channel, ChannelMap, proposed, stated_fault
+from rig.record.imports.columns import MeasurementFile
 from rig.record.imports.common_time import join_parts
 from rig.record.imports.file_part import FARTHEST, Part
 from rig.record.imports.instrument_units import is_time, meaning
-from rig.record.imports.measurement_file import MeasurementFile, opened
-from rig.record.imports.time_base import TimeBase
+from rig.record.imports.measurement_file import opened
+from rig.record.imports.time_base import TimeBase, rounding
 from rig.record.provenance import package_version
 from rig.record.run_data import Integers
 from rig.record.writer import Writer
 from rig.results import Column, Result, Table
+from rig.units import si
 
 _SLICE_NS = 250_000_000  # of a message. chosen
 # Fewest and most samples of a message. chosen: 32 to 512 KiB
 _LEAST = 4096
 _MOST = 1 << 16
+_HIGHEST_RATE = 1e9  # Hz: times are whole ns
 FRAME_NS = 1_000_000
 """Period at which a replay publishes a measurement, and a controller is asked."""
 MADE = "measured"
@@ -55,6 +57,8 @@ class Imported(Result):
     bases: list[TimeBase] = field(default_factory=list)
     missing: int = 0
     """Number of values that were left out because there was none."""
+    unread: list[str] = field(default_factory=list)
+    """Lines of the files that are no row of a column, with the reason."""
 
     def shown(self) -> Iterator[str | Table]:
         """Yield the channels with their ranges, and the time bases."""
@@ -66,6 +70,7 @@ class Imported(Result):
             rows.append((name, *((low, high) if low <= high else (None, None)), unit, source))
         yield Table("columns", (Column("channel"), *numbers, Column("unit"), Column("from")), rows)
         yield from (f"  {base.text()}" for base in self.bases)
+        yield from (f"  not read: {line}" for line in self.unread)
         if self.missing:
             yield f"  {counted(self.missing, 'missing value')} left out"
 
@@ -78,6 +83,7 @@ class Imported(Result):
             "ranges": self.ranges,
             "time": bases,
             "missing": self.missing,
+            "unread": self.unread,
         }
 
 
@@ -132,6 +138,7 @@ def listed(paths: Sequence[Path]) -> Listed:
         high = dict.fromkeys(names, -np.inf)
         count = dict.fromkeys(names, 0)
         last = dict.fromkeys(names, -np.inf)
+        first: dict[str, Any] = {}
         rising = set(names)
         in_time = {column.name: column.unit for column in file.columns if is_time(column.unit)}
         seconds = {name: meaning(in_time[name], "s").factor if name in in_time else 1.0 for name in names}
@@ -139,16 +146,19 @@ def listed(paths: Sequence[Path]) -> Listed:
         for block in file.blocks(names):
             for name, v in block.items():
                 known = v[np.isfinite(v)]
-                if not v.size:
-                    continue
                 count[name] += known.size
-                low[name] = min(low[name], known.min(initial=np.inf))
-                high[name] = max(high[name], known.max(initial=-np.inf))
-                if name in rising and known.size and known[0] > last[name] and np.all(known[1:] > known[:-1]):
+                if not known.size:
+                    continue
+                origin = first.setdefault(name, known[0])
+                low[name] = min(low[name], float(known.min()))
+                high[name] = max(high[name], float(known.max()))
+                if name in rising and known[0] > last[name] and np.all(known[1:] > known[:-1]):
                     with np.errstate(over="ignore"):  # a column that rises may be no time
-                        times[name].add(known * seconds[name])
+                        times[name].add(np.asarray((known - origin) * seconds[name], np.float64))
+                    times[name].origin = float(origin) * seconds[name]
+                    times[name].rounding = rounding(known) * seconds[name]
                     last[name] = known[-1]
-                elif known.size:
+                else:
                     rising.discard(name)
         for column in file.columns:
             name = column.name
@@ -228,11 +238,11 @@ def _parts(files: Sequence[MeasurementFile], given: ChannelMap, join: str, skip_
     faults = list[str]()
     met = set[str]()
     try:
-        rate = finite(given.rate, "Hz") if given.rate else 0.0
+        rate = si(given.rate, "Hz") if given.rate else 0.0
     except ValueError as fault:
         raise UsageError(f"--rate {given.rate}: {fault}") from None
-    if given.rate and rate <= 0.0:
-        raise UsageError(f"--rate {given.rate}: expected more than 0 Hz")
+    if given.rate and not 0.0 < rate <= _HIGHEST_RATE:
+        raise UsageError(f"--rate {given.rate}: expected more than 0 Hz, and at most 1 GHz")
     for file in files:
         where = str(file.path)
         own = {column.name for column in file.columns} | file.left_out.keys()
@@ -279,6 +289,8 @@ def _written(
     began_ns = next(stated, parts[0].file.path.stat().st_mtime_ns)  # else the date of the file
     began_ns += round(begin * 1e9) if abs(begin) <= FARTHEST else 0  # beyond, the file is refused
     began_ns = max(began_ns, 0)
+    for part, base in zip(parts, bases):
+        base.shift = part.shift + parts[0].origin_s - part.origin_s
     ranges = {name: (unit, np.inf, -np.inf) for name, unit in units.items()}
     writer = Writer(draft, setup, MADE)
     try:
@@ -318,13 +330,15 @@ def _written(
             progress(done, max(done, total))
         if faults:
             raise UsageError("\n".join(faults))
-        account = {"messages": writer.messages, "seconds": max(base.last + base.shift for base in bases) - begin}
+        last = max(base.last + part.shift for base, part in zip(bases, parts))
+        account = {"messages": writer.messages, "seconds": last - begin}
         told = [base.to_json() for base in bases]
         writer.close(account, {"map": given.text(), "time": told})
     finally:
         writer.abandon()
     sources = {c.name: _source(part, c) for part in parts for c in part.channels}
-    return Imported(out, sources, ranges, bases, sum(part.missing for part in parts))
+    unread = [f"{part.file.path.name}, {lines}" for part in parts for lines in part.file.unread]
+    return Imported(out, sources, ranges, bases, sum(part.missing for part in parts), unread)
 
 
 def _source(part: Part, channel: Channel) -> str:
@@ -350,5 +364,5 @@ def _provenance(parts: Sequence[Part], given: ChannelMap, begin: float) -> dict[
         "friction-rig": package_version("friction-rig"),
         "files": ", ".join(f"{name} (SHA-256 {digest})" for name, digest in files.items()),
         "map": given.text(),
-        "begin": f"{begin!r} s of the first file",
+        "begin": f"{begin + parts[0].origin_s!r} s of the first file",
     }

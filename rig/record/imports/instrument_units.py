@@ -141,6 +141,8 @@ _WORDS = {
     **dict.fromkeys(("gauss",), "gauss"),
     **dict.fromkeys(("litre", "liter", "litres", "liters"), "l"),
     **dict.fromkeys(("torr",), "Torr"),
+    **dict.fromkeys(("psi",), "psi"),
+    **dict.fromkeys(("bar",), "bar"),
 }
 # Texts that are not what the symbols in them would be -> what they are
 _WHOLE = {
@@ -180,7 +182,10 @@ _AMBIGUOUS: dict[str, tuple[tuple[str, str], ...]] = {
     "C": (("degC", "degree Celsius"), ("coulomb", "A*s")),
     "F": (("degF", "degree Fahrenheit"), ("farad", "A*s/V")),
     "S": (("s", "second"), ("siemens", "A/V")),
-    "mil": (("thou", "a thousandth of an inch, 25.4 um"), ("mrad", "a thousandth of a radian")),
+    **dict.fromkeys(
+        ("mil", "Mil", "MIL"),
+        (("thou", "a thousandth of an inch, 25.4 um"), ("mrad", "a thousandth of a radian")),
+    ),
     "Grad": (("deg", "1/360 of a turn"), ("gon", "1/400 of a turn")),
     "grad": (("deg", "1/360 of a turn"), ("gon", "1/400 of a turn")),
     "lb": (("lbf", "pound-force, 4.448 N"), ("pound", "0.4536 kg")),
@@ -232,6 +237,7 @@ _SAME = str.maketrans(
 )
 _BRACKETED = re.compile(r"\[([^\[\]]+)\]|<([^<>]+)>|\{([^{}]+)\}|\"([^\"]+)\"|'([^']+)'")
 _PER = re.compile(r"(?<=[A-Za-z]) per (?=[A-Za-z])")
+_BESIDE_MARK = re.compile(r" ?([*/]) ?")
 _DEGREES = re.compile(r"[°º]\s*([CFKcf]?)(?![A-Za-z])")
 _TOKEN = re.compile(r"\s*(?:(?P<symbol>[A-Za-z_]+|1(?=\s*/))(?:\^?(?P<power>[-+]?\d)(?![\d.]))?|(?P<mark>[*/()]))\s*")
 _PRODUCT = re.compile(r"(?<=[A-Za-z0-9])[.-](?=[A-Za-z])")  # N.m, N-m
@@ -303,7 +309,7 @@ def _plain(text: str) -> str:
     text = _RAISED.sub(lambda match: f"^{match[0].translate(_SUPERSCRIPTS)}", text)
     text = text.replace("**", "^").translate(_SAME)
     text = _DEGREES.sub(lambda match: f"deg{match[1].upper()}", text)
-    return _PER.sub("/", " ".join(text.split()))
+    return _BESIDE_MARK.sub(r"\1", _PER.sub("/", " ".join(text.split())))
 
 
 def _ways(written: str) -> tuple[tuple[str, str], ...]:

@@ -16,16 +16,20 @@ NO_VALUE = "there is no value"
 NO_TIME = "there is no time"
 INFINITE = "the value is infinite"
 NO_NUMBER = "is not a number"
+OPEN_QUOTES = "its quotes do not end"
 NO_CLOCK = "is not a time"
 NO_TIME_OF_DAY = "is not a time of day"
 FALLS = "falls"
 REPEATS = "is that of the row before"
+CLOSE = "is less than 1 ns after that of the row before: a recording has whole ns"
+RAGGED = "has another number of values"
 _KINDS = 20  # that are told; of more their number. chosen
 _ROWS = 4  # that are told of a kind behind the first one, if there are no more. chosen
 REMEDIES = {
     (NO_VALUE, NO_TIME, INFINITE): "--skip-missing leaves them out",
     (NO_TIME, NO_CLOCK, NO_TIME_OF_DAY, FALLS, REPEATS): "--rate RATE takes no times from the file",
     (NO_NUMBER,): "correct these cells, or leave their columns out of the map",
+    (RAGGED,): "complete these rows, or remove them",
 }
 """Kinds of faults and what helps against them."""
 
@@ -65,7 +69,7 @@ class RowFaults:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._faults = dict[tuple[str, str], _Fault]()
+        self._faults = dict[tuple[str, str, str], _Fault]()
 
     def __bool__(self) -> bool:
         return bool(self._faults)
@@ -73,13 +77,14 @@ class RowFaults:
     def note(self, rows: Integers, column: str, kind: str, text: str = "") -> None:
         """Note a fault of some rows, ascending. `column`: "" for the whole row; `text`: of the first one."""
         if len(rows):
-            self._faults.setdefault((kind, column), _Fault(text or kind)).add(np.asarray(rows))
+            whole = "" if column else text
+            self._faults.setdefault((kind, column, whole), _Fault(text or kind)).add(np.asarray(rows))
 
     def lines(self) -> list[str]:
         """A line for each kind, by the first row, and what helps: behind a single line, else below them."""
         told = [*self._lines()]
         more = [f"{self._path}: {counted(len(told) - _KINDS, 'further kind')} of faults"] if len(told) > _KINDS else []
-        met = {kind for kind, _ in self._faults}
+        met = {kind for kind, _, _ in self._faults}
         remedies = [remedy for kinds, remedy in REMEDIES.items() if met.intersection(kinds)]
         if len(told) == 1:
             return ["; ".join(told + remedies)]
@@ -87,11 +92,11 @@ class RowFaults:
 
     def _lines(self) -> Iterator[str]:
         """A line for each kind; columns in which the same rows have it share one."""
-        columns = dict[tuple[str, tuple[int, int, int]], list[str]]()
-        for (kind, column), fault in self._faults.items():
-            columns.setdefault((kind, fault.place), []).append(column)
-        for (kind, _), alike in sorted(columns.items(), key=lambda entry: entry[0][1]):
-            fault = self._faults[kind, alike[0]]
+        columns = dict[tuple[str, str, tuple[int, int, int]], list[str]]()
+        for (kind, column, whole), fault in self._faults.items():
+            columns.setdefault((kind, whole, fault.place), []).append(column)
+        for (kind, whole, _), alike in sorted(columns.items(), key=lambda entry: entry[0][2]):
+            fault = self._faults[kind, alike[0], whole]
             others = f" (and {counted(len(alike) - 1, 'further column')})" if len(alike) > 1 else ""
             column = f", column {alike[0]}{others}" if alike[0] else ""
             yield f"{self._path}: {fault.words()}{column}: {fault.text}"

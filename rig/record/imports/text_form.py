@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv as cells_of
 import re
 from collections.abc import Sequence
-from itertools import takewhile
+from itertools import groupby, takewhile
 
 from rig.record.imports import clock_times
 from rig.record.imports.instrument_units import is_unit
@@ -24,9 +24,12 @@ _SHOWN = 100  # rows that tell what a column is. chosen
 _HEADINGS = 60  # lines above the rows in which names with units in brackets are looked for. chosen
 _UNITS_ABOVE = 5  # the same of a line of names above a line of units. chosen
 _END = "***"  # of a header of LabVIEW
-_EXPONENT = r"(?:[eE][-+]?\d+)?"
+_TABLE = 3  # lines of numbers with as many cells are a table of their own. chosen
+_EXPONENT = r"(?:[eEdD][-+]?\d+)?"  # D: of Fortran
+_MINUS = "\u2212"  # of typeset numbers
 # Characters that group the digits of a number, by its decimal mark
-_GROUPS = {".": ",'\u2019\xa0\u202f ", ",": ".'\u2019\xa0\u202f "}
+_BLANKS = "\u2019\xa0\u2007\u2009\u202f "
+_GROUPS = {".": f",'{_BLANKS}", ",": f".'{_BLANKS}"}
 _PLAIN = {
     mark: re.compile(rf"[-+]?(?:\d+(?:{re.escape(mark)}\d*)?|{re.escape(mark)}\d+){_EXPONENT}|[-+]?[iI]nf")
     for mark in ".,"
@@ -40,6 +43,7 @@ _GROUPED = {
 }
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 _UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ²³⁻¹\"\w^/*·. ]{1,16}|")
+_KEY = re.compile(r"[a-z] [a-z]|unit", re.IGNORECASE)
 _NAMES = ("t", "T", "F", "d", "h", "l", "L", "H", "1")  # of quantities and channels more often than of units
 _IN_BRACKETS = re.compile(r".*\S\s*[\[(]([^\])]*)[\])]\s*")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[(])")
@@ -57,7 +61,7 @@ def is_doubtful(cell: str) -> bool:
 
 def number(cell: str, mark: str) -> float:
     """The number of a cell for which `is_number` holds."""
-    return float(ungrouped(cell, mark).replace(mark, "."))
+    return float(ungrouped(cell, mark).replace(mark, ".").replace("D", "e").replace("d", "e"))
 
 
 def ungrouped(cell: str, mark: str) -> str:
@@ -66,24 +70,14 @@ def ungrouped(cell: str, mark: str) -> str:
     return cell.replace(match[1], "") if match else cell
 
 
-def has_groups(block: bytes, mark: str, separator: str) -> bool:
-    """Whether the digits of a number are grouped somewhere in a part of a file."""
-    if mark == separator:
-        return False
-    kept = [sign for sign in _GROUPS[mark] if sign != separator]
-    signs = [code for sign in kept for code in (sign.encode(), sign.encode("latin-1", "ignore")) if code]
-    groups = b"(?:" + b"|".join(map(re.escape, signs)) + b")"
-    found = any(sign in block for sign in signs) and re.search(
-        rb"\d" + groups + rb"\d{3}(?:" + re.escape(mark).encode() + rb"\d|" + groups + rb"\d{3})", block
-    )
-    if found or separator != "," or b'"' not in block:
-        return bool(found)
-    return re.search(rb'"[-+]?\d{1,3},\d{3}[.,\d]*"', block) is not None  # in quotes a comma may group
+def cell_of(text: str) -> str:
+    """A cell without the blanks around it, with the minus sign that numbers have."""
+    return text.strip().replace(_MINUS, "-")
 
 
 def split(line: str, separator: str) -> list[str]:
     """The cells of a line."""
-    line = line.rstrip("\r\n")
+    line = line.rstrip("\r\n").replace(_MINUS, "-")
     if '"' in line:
         line = " ".join(line.split()) if separator == " " else line
         return [cell.strip() for cell in next(cells_of.reader([line], delimiter=separator, skipinitialspace=True), [])]
@@ -94,16 +88,17 @@ def split(line: str, separator: str) -> list[str]:
 class Form:
     """How a text is read with a separator and a decimal mark: `skip` lines, then rows of `width` cells.
 
-    `beside`: number of the first rows that have more cells, such as remarks, of which only `width` are read. `unread`:
-    number of the lines above the rows that begin with a number too.
+    `beside`: number of the first rows that have more cells, such as remarks, of which only `width` are read. `ended`:
+    number of the cells without a value at the end of the first row. `unread`: number of the lines above the rows that
+    begin with a number too, or are another table.
     """
 
     def __init__(self, separator: str, mark: str, words: bool) -> None:
         self.separator = separator
         self.mark = mark
         self.words = words
-        self.rows = self.skip = self.width = self.beside = self.unread = 0
-        self.headed = self.ended = False
+        self.rows = self.skip = self.width = self.beside = self.ended = self.unread = 0
+        self.headed = False
         self.fitting = 0
         """Cells of the first rows that are values, minus those that are words."""
 
@@ -142,7 +137,8 @@ class Form:
         form._skip_to_header(lines, widths)
         if form.rows:
             form._skip_to_remarks(lines)
-            form.ended = form._cells(lines[form.skip + form.beside])[-1] == ""
+            form._count_unread(lines, widths)
+            form.ended = len([*takewhile(lambda cell: not cell, reversed(form._cells(lines[form.skip + form.beside])))])
             form.headed = form.skip > 0 and form.heading(lines[form.skip - 1]) is not None
             form.fitting = sum(1 if form._is_value(cell) else -1 for cell in form._first_cells(lines) if cell)
         return form
@@ -170,7 +166,7 @@ class Form:
             units = [cell.strip("[]() ") for cell in labels]
             labels = [""] * self.width
         columns = self._columns(lines)
-        stamped = tuple(any(map(clock_times.is_time, column)) for column in columns)
+        stamped = tuple(map(self._is_stamped, columns))
         left_out = tuple(self._left_out(label, column) for label, column in zip(labels, columns, strict=True))
         units = ["s" if stamp else unit for unit, stamp in zip(units, stamped, strict=True)]
         return (
@@ -180,10 +176,27 @@ class Form:
             left_out,
         )
 
+    def has_decimals_alone(self, lines: Sequence[str]) -> bool:
+        """Whether every second column has digits as decimals have (0,001,1,500): one length, some with a zero first."""
+        columns = self._columns(lines)[1::2]
+        return self.width % 2 == 0 and all(map(_are_decimals, columns))
+
+    def unnamed(self, lines: Sequence[str]) -> tuple[int, int]:
+        """Number and cells of the last line above the rows, if its words are not the names of columns; else 0, 0."""
+        above = [i for i, line in enumerate(lines[: self.skip], 1) if line.strip()]
+        if self._headings(lines) or not above:
+            return 0, 0
+        cells = self._cells(lines[above[-1] - 1])
+        words = len(cells) > 1 and not any(map(self._is_value, cells))
+        return (above[-1], len(cells)) if words else (0, 0)
+
     @property
-    def merit(self) -> tuple[int, bool, int, int]:
-        """A form is better with more rows, a header of the same width, more values and fewer words, more columns."""
-        return self.rows, self.headed, self.fitting, self.width
+    def merit(self) -> tuple[int, bool, bool, int, int]:
+        """A form is better with more rows, a header of the same width, a separator that is no blank, more values.
+
+        More values means fewer words too; of equal ones the form with more columns is better.
+        """
+        return self.rows, self.headed, self.separator != " ", self.fitting, self.width
 
     def heading(self, line: str) -> list[str] | None:
         """The cells of a line above the rows, of which only one may end with a separator; None: it is no heading.
@@ -193,11 +206,11 @@ class Form:
         line = line.lstrip("#%! ")
         cells = self._cells(line)
         if self.separator == " " and len(cells) > self.width:  # t [s] v [m/s]
-            cells = self._cells(_BEFORE_BRACKET.sub("", line))
+            cells = self._other_heading(line) or self._cells(_BEFORE_BRACKET.sub("", line))
         if len(cells) == self.width + 1 and cells[-1] in ("", "Comment"):  # of LabVIEW: rows may lack the last cell
             cells.pop()
-        if len(cells) == self.width - 1 and self.ended:
-            cells.append("")
+        if self.width - self.ended <= len(cells) < self.width:
+            cells += [""] * (self.width - len(cells))
         if self.beside and len(cells) > self.width:
             cells = cells[: self.width]
         first = next(filter(None, cells), "")
@@ -210,12 +223,31 @@ class Form:
         blank = f"{self.separator} "
         above = [line for line in lines[max(self.skip - _HEADINGS, 0) : self.skip] if line.strip(blank)]
         headings = list[list[str]]()
-        for line in reversed(above):
-            cells = self.heading(line)
+        for line in reversed(self._joined(above)):
+            cells = self.heading(line) or (None if headings else self._other_heading(line))
             if cells is None or line.startswith(_END):
                 break
             headings.append(cells)
         return headings
+
+    def _other_heading(self, line: str) -> list[str] | None:
+        """The names of a line with another separator than the rows have: "# t, v" above rows with blanks."""
+        for separator in SEPARATORS:
+            cells = split(line.lstrip("#%! "), separator)
+            if separator != " " and len(cells) == self.width > 1 and not any(map(self._is_value, cells)):
+                return cells
+        return None
+
+    def _joined(self, lines: Sequence[str]) -> list[str]:
+        """Lines of which those between two quotes are one."""
+        opened = re.compile(rf'(?:^|{re.escape(self.separator)})\s*"')
+        joined = list[str]()
+        for line in lines:
+            if joined and joined[-1].count('"') % 2 and opened.search(joined[-1]):
+                joined[-1] += f" {line}"
+            else:
+                joined.append(line)
+        return joined
 
     def _cells(self, line: str) -> list[str]:
         return split(line, self.separator)
@@ -243,6 +275,11 @@ class Form:
 
     def _is_value(self, cell: str) -> bool:
         return is_number(cell, self.mark) or clock_times.is_time(cell)
+
+    def _is_stamped(self, column: Sequence[str]) -> bool:
+        """Whether a column has times of day: more of them than numbers."""
+        stamps = sum(map(clock_times.is_time, column))
+        return stamps > sum(is_number(cell, self.mark) for cell in column)
 
     def _left_out(self, label: str, column: Sequence[str]) -> str:
         """Why a column is not read; "" if enough cells are values, or if a labelled one says that there is none."""
@@ -300,8 +337,14 @@ class Form:
         self.beside = len(remarked) if any(len(cells) > self.width for cells in remarked) else 0
         self.rows += len(remarked)
         self.skip -= len(remarked)
-        begins = (next(filter(None, cells), "") for cells in reversed(rows[: self.skip]))
-        self.unread = len([*takewhile(self._is_value, begins)])
+
+    def _count_unread(self, lines: Sequence[str], widths: Sequence[int]) -> None:
+        """Count the lines directly above the rows that begin with a number, and those of other tables above them."""
+        begins = (next(filter(None, self._cells(line)), "") for line in reversed(lines[: self.skip]))
+        near = len([*takewhile(self._is_value, begins)])
+        runs = [(width, len([*run])) for width, run in groupby(widths[: self.skip - near])]
+        far = sum(count for width, count in runs if width > 0 and count >= _TABLE)
+        self.unread = near + far
 
     def _is_remarked(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has values in the columns that are `filled`, and words only beside them."""
@@ -316,6 +359,12 @@ class Form:
     def _is_faulty(self, cells: Sequence[str], filled: Sequence[bool]) -> bool:
         """Whether a line has as many cells as the others, and a value in the first column that is `filled`."""
         return len(cells) == self.width and True in filled and self._is_value(cells[filled.index(True)])
+
+
+def _are_decimals(column: Sequence[str]) -> bool:
+    """Whether the cells of a column are digits of one length, some of them with a zero first."""
+    whole = all(map(str.isdigit, column)) and len(set(map(len, column))) == 1
+    return whole and len(column[0]) > 1 and any(cell.startswith("0") for cell in column)
 
 
 def _filled(cells: Sequence[str]) -> int:
@@ -335,7 +384,11 @@ def _have_units(cells: Sequence[str]) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a line below the names has their units: short, and at least half of them are known."""
+    """Whether a line below the names has their units: short, and at least half of them are known.
+
+    Two words, "Vertical Units", are no unit that is unknown.
+    """
     stated = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
     known = [cell for cell in stated if is_unit(cell) and cell not in _NAMES]
-    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * len(known) >= len(stated)
+    words = [cell for cell in stated if _KEY.search(cell) and not is_unit(cell)]
+    return bool(stated) and not words and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * len(known) >= len(stated)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 from rig.errors import UsageError
@@ -23,7 +24,8 @@ _LOGGER = ("TOA5", "TOACI1")  # of Campbell: names and units stand in the lines 
 _TRACES = "TraceName"  # of Yokogawa: each line of its header has a cell for each column behind the first one
 _NUMBER = r"\s*=?\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)"
 _RIGOL_NAMED = (re.compile(rf"\btInc{_NUMBER}"), re.compile(rf"\bt0{_NUMBER}"))
-_SEGMENT = ("LabVIEW Measurement", "***End_of_Header***", "Channels\t", "Samples\t")
+_CHANNELS = "Channels\t"
+_SEGMENT = (_LABVIEW, "***End_of_Header***", _CHANNELS, "Samples\t")
 
 
 class TextHeader(NamedTuple):
@@ -43,6 +45,21 @@ class TextHeader(NamedTuple):
 def begins_segment(line: str) -> bool:
     """Whether a line below the first rows belongs to the header of another segment of LabVIEW."""
     return line.lstrip("\ufeff").startswith(_SEGMENT)
+
+
+def segment_fault(path: Path, row: int) -> str:
+    """What is wrong with a file in which another segment of LabVIEW begins at a row."""
+    return (
+        f"{path}: row {row}: another segment of LabVIEW begins here, and a recording has one table; save each segment "
+        "as a file of its own, with the lines above its rows"
+    )
+
+
+def refuse_segments(path: Path, lines: Sequence[str]) -> None:
+    """Raise UsageError if the lines above a table have the headers of several segments of LabVIEW."""
+    begins = [i for i, line in enumerate(lines, 1) if line.startswith(_CHANNELS)]
+    if len(begins) > 1 and lines[0].startswith(_LABVIEW):
+        raise UsageError(segment_fault(path, begins[1]))
 
 
 def read(lines: Sequence[str], separator: str, labels: Sequence[str]) -> TextHeader:
@@ -99,19 +116,34 @@ def _rigol(lines: Sequence[Sequence[str]], labels: Sequence[str]) -> TextHeader 
 
 def _labview(table: Mapping[str, Sequence[str]], labels: Sequence[str]) -> TextHeader:
     """Of LabVIEW: each row of its header has a cell for each channel."""
-    channels = [label for label in labels if label not in (_X, _COMMENT)]
-    stated = iter(table.get("Y_Unit_Label", ()))
-    of_time = next(iter(table.get("X_Dimension", ())), "Time") == "Time"
-    units = {label: next(stated, "") for label in channels}
-    units[_X] = "s" if of_time else ""
-    steps = [_number(cell) for cell in table.get("Delta_X", ())]
-    begins = [_number(cell) for cell in table.get("X0", ())]
-    rates: tuple[float, ...] = ()
-    starts: tuple[float, ...] = ()
-    if next(iter(table.get("X_Columns", ())), "One") == "No" and steps and steps[0] > 0.0:
-        rates = tuple(1.0 / steps[0] for _ in labels)
-        starts = tuple(begins[0] if begins and math.isfinite(begins[0]) else 0.0 for _ in labels)
-    return TextHeader(tuple(units.get(label, "") for label in labels), rates, starts, _began(table))
+    places = [i for i, label in enumerate(labels) if _is_channel(label)]
+    dimensions = _of_channels(table, "X_Dimension", places, len(labels), "Time")
+    of_time = all(dimension == "Time" for dimension in dimensions)
+    units = _of_channels(table, "Y_Unit_Label", places, len(labels), "")
+    for i, label in enumerate(labels):
+        if label.startswith(_X):
+            units[i] = "s" if of_time else ""
+    steps = [_number(cell) for cell in _of_channels(table, "Delta_X", places, len(labels), "")]
+    begins = [_number(cell) for cell in _of_channels(table, "X0", places, len(labels), "")]
+    stated = next(iter(table.get("X_Columns", ())), "One") in ("No", "Multi") and of_time
+    rates = tuple(1.0 / step if step > 0.0 else 0.0 for step in steps) if stated else ()
+    starts = tuple(begin if math.isfinite(begin) else 0.0 for begin in begins) if stated else ()
+    return TextHeader(tuple(units), rates, starts, _began(table))
+
+
+def _is_channel(label: str) -> bool:
+    """Whether a column of LabVIEW has values, no times and no remarks."""
+    return not label.startswith(_X) and label != _COMMENT
+
+
+def _of_channels(
+    table: Mapping[str, Sequence[str]], key: str, places: Sequence[int], width: int, missing: str
+) -> list[str]:
+    """What a row of a header of LabVIEW states for each column; `missing` where it states nothing."""
+    stated = [missing] * width
+    for place, cell in zip(places, table.get(key, ()), strict=False):
+        stated[place] = cell or missing
+    return stated
 
 
 def _oscilloscope(table: Mapping[str, Sequence[str]], labels: Sequence[str]) -> TextHeader:

@@ -1,7 +1,8 @@
 """A table of numbers in a text file, as data acquisition systems write it.
 
 Its form is found from the first lines (rig.record.imports.text_form). The numbers are read in blocks. If a row
-cannot be read, the file is read again line by line, and all faults are told with row and column.
+cannot be read, the file is read again line by line, and all faults are told with row and column. If there are none, its
+cells are read one by one: pyarrow knows no grouped digits, for instance, and no blanks in place of a value.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import io
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
@@ -21,8 +23,8 @@ import numpy as np
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.imports import clock_times, text_headers
-from rig.record.imports.row_faults import NO_CLOCK, NO_NUMBER, NO_TIME_OF_DAY, RowFaults
-from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, has_groups, is_doubtful, is_number, number, split
+from rig.record.imports.row_faults import NO_CLOCK, NO_NUMBER, NO_TIME_OF_DAY, OPEN_QUOTES, RAGGED, RowFaults
+from rig.record.imports.text_form import NO_VALUE, SEPARATORS, Form, cell_of, is_doubtful, is_number, number, split
 from rig.record.imports.text_headers import TextHeader
 from rig.record.run_data import Reals
 
@@ -31,8 +33,8 @@ _HEADS = (1 << 16, 1 << 20, 1 << 23)
 _ROWS = 10  # chosen: enough to tell the form of a table
 BLOCK = 2 << 20
 """Length of the part of a file that is read at once [bytes]."""
-_BLANK_VALUES = [blanks * " " + text + end for text in NO_VALUE for blanks in range(32) for end in ("", " ")]
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?")
+_LONG = re.compile(r"[-+]?\d{16,19}")
 _BACK = clock_times.DAY_NS // 2  # a time of day that falls by more is that of the next day. chosen
 _ZEROS = 0.2  # share of bytes that are 0, every second one, in UTF-16 without a mark. chosen
 
@@ -56,10 +58,12 @@ class TextTable:
     """The order of day and month in dates with slashes."""
     iso: bool
     """Times of day have the form 2024-01-31 10:00:00.001."""
-    grouped: bool
-    """Digits are grouped somewhere: 1.234,5."""
     about: TextHeader
     """Units, rate and begin that the lines above the table state."""
+    long: tuple[bool, ...]
+    """Columns of whole numbers that a double does not hold, such as ns since 1970."""
+    unnamed: tuple[int, int]
+    """Number and cells of the line above the rows whose words are not the names of columns; 0, 0: there is none."""
     day: int | None = None
     """The column with the dates of times of day that have none."""
     midnights: dict[int, int] = field(default_factory=dict)
@@ -103,6 +107,8 @@ class TextTable:
                 f"{path}: there is no table of numbers in its first {counted(len(lines), 'line')}; expected rows of "
                 f"numbers with one separator of {', '.join(map(repr, SEPARATORS))}"
             )
+        text_headers.refuse_segments(path, lines[: form.skip])
+        _refuse_commas(path, form, lines)
         labels, units, stamped, left_out = form.described(lines)
         rows = [form.cells(line, i) for i, line in enumerate(lines[form.skip :])]
         day = _day_column(rows, stamped)
@@ -128,12 +134,15 @@ class TextTable:
             stamps[0] if stamps else "",
             of_dates,
             day is None and all(map(_ISO.fullmatch, stamps)),
-            _is_grouped(path, form, encoding),
             about,
+            tuple(all(map(_LONG.fullmatch, column)) for column in zip(*_whole_rows(rows[:_ROWS], labels), strict=True)),
+            form.unnamed(lines),
             day,
         )
 
-    def blocks(self, names: Sequence[str], wanted: Collection[str]) -> Iterator[Mapping[str, Reals]]:
+    def blocks(
+        self, names: Sequence[str], wanted: Collection[str], cell_by_cell: bool = False
+    ) -> Iterator[Mapping[str, Reals]]:
         """Yield the columns `wanted`, of those called `names`, block by block; a value that is not there is NaN.
 
         Raises UsageError with all rows that are not as the others.
@@ -141,9 +150,11 @@ class TextTable:
         import pyarrow as pa
         from pyarrow import csv
 
-        of_times = pa.timestamp("ns") if self.iso else pa.string()
-        of_numbers = pa.string() if self.grouped else pa.float64()
+        of_times = pa.timestamp("ns") if self.iso and not cell_by_cell else pa.string()
+        of_numbers = pa.string() if cell_by_cell else pa.float64()
         kinds = {name: of_times if stamped else of_numbers for name, stamped in zip(names, self.stamped, strict=True)}
+        if not cell_by_cell:
+            kinds |= {name: pa.int64() for name, long in zip(names, self.long, strict=True) if long}
         places = {name: i for i, name in enumerate(names) if self.stamped[i]}
         dates = names[self.day] if self.day is not None and places.keys() & set(wanted) else ""
         read = list(dict.fromkeys([*wanted, *filter(None, [dates])]))
@@ -151,17 +162,20 @@ class TextTable:
             kinds[dates] = pa.string()
         clocks = {name: _Clock(self, places[name]) for name in wanted if name in places}
         ragged = list[Any]()
+        done = 0
 
         def refuse(row: Any) -> str:
-            ragged.append(row)
+            if row.text.strip():
+                ragged.append(row)
             return "skip"
 
         form = self.form
         as_it_is = form.separator != " " and not form.beside and self.encoding in ("utf-8-sig", "latin-1")
-        with self.path.open("rb") as file:
+        why = ""
+        with self.path.open("rb") as file, file if as_it_is else _Plain(file, self) as source:
             try:
                 with csv.open_csv(
-                    file if as_it_is else _Plain(file, self),
+                    source,
                     csv.ReadOptions(
                         use_threads=False,
                         block_size=BLOCK,
@@ -174,7 +188,7 @@ class TextTable:
                         column_types={name: kinds[name] for name in read},
                         include_columns=read,
                         decimal_point=form.mark,
-                        null_values=_BLANK_VALUES,
+                        null_values=list(NO_VALUE),
                         check_utf8=False,
                     ),
                 ) as reader:
@@ -184,13 +198,18 @@ class TextTable:
                         columns = dict(zip(read, batch.columns, strict=True))  # by name: the square of their number
                         days = columns[dates].to_pylist() if dates else None
                         yield {name: self._values(columns[name], clocks.get(name), days) for name in wanted}
+                        done += 1
             except pa.ArrowInvalid as fault:
-                why = " ".join(str(fault).split())  # of a cell in quotes that do not end, many lines
-                raise UsageError(self._faults(names, wanted) or f"{self.path}: {why:.200}") from None
+                why = " ".join(str(fault).split())  # of a cell in quotes, many lines
         if ragged:
-            raise UsageError(
-                self._faults(names, wanted) or f"{self.path}: row {ragged[0].number}: {ragged[0].text!r:.60}"
-            )
+            why = f"row {ragged[0].number}: {ragged[0].text!r:.60}"
+        if not why:
+            return
+        if faults := self._faults(names, wanted):
+            raise UsageError(faults)
+        if ragged or cell_by_cell:
+            raise UsageError(f"{self.path}: {why:.200}")
+        yield from islice(self.blocks(names, wanted, cell_by_cell=True), done, None)
 
     def _values(self, column: Any, clock: _Clock | None, days: Sequence[str | None] | None) -> Reals:
         from pyarrow import int64, types
@@ -200,19 +219,30 @@ class TextTable:
             dated = map(_with_date, texts, days) if days is not None else texts
             return np.array([clock.seconds(text) for text in dated], np.float64)
         if types.is_string(column.type):
-            return np.array([self._number(text) for text in column.to_pylist()], np.float64)
+            return self._numbers(column)
         if types.is_timestamp(column.type):
             ns = column.cast(int64()).to_numpy(zero_copy_only=False)
             return np.asarray((ns - self.first_ns) * 1e-9, np.float64)
-        return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
+        return np.asarray(column.to_numpy(zero_copy_only=False))
+
+    def _numbers(self, column: Any) -> Reals:
+        """The numbers of texts; NaN where there is none."""
+        from pyarrow import ArrowInvalid, array, compute, float64
+
+        cells = compute.utf8_trim_whitespace(column)
+        known = compute.if_else(compute.is_in(cells, value_set=array(NO_VALUE)), None, cells)
+        if self.form.mark == ".":  # all at once, if none needs more
+            with suppress(ArrowInvalid):
+                return np.asarray(known.cast(float64()).to_numpy(zero_copy_only=False))
+        return np.array([self._number(text) for text in column.to_pylist()], np.float64)
 
     def _number(self, text: str | None) -> float:
         """A number whose digits may be grouped; NaN if there is none. Raises ArrowInvalid, as pyarrow does."""
-        cell = (text or "").strip()
+        cell = cell_of(text or "")
         if cell in NO_VALUE:
             return math.nan
         if not is_number(cell, self.form.mark):
-            raise _invalid(cell)
+            raise _invalid(f"{cell!r:.40} {NO_NUMBER}")
         return number(cell, self.form.mark)
 
     def time_fault(self, cell: str) -> str:
@@ -241,10 +271,7 @@ class TextTable:
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for place, line in enumerate(islice(file, self.skip, None), self.skip + 1):
                 if text_headers.begins_segment(line):
-                    segment.append(
-                        f"{self.path}: row {place}: another segment of LabVIEW begins here, and a recording has one "
-                        "table; save each segment as a file of its own, with the lines above its rows"
-                    )
+                    segment.append(text_headers.segment_fault(self.path, place))
                     break
                 for column, kind, text in self._of_row(line, place, names, wanted):
                     faults.note(np.array([place]), column, kind, text)
@@ -279,12 +306,14 @@ class TextTable:
         cells = self.form.cells(line, place - self.skip - 1)
         if not line.strip():
             return
+        if line.count('"') % 2:
+            yield "", OPEN_QUOTES, OPEN_QUOTES
+            return
         if len(cells) != len(names):
             ended = " (the file ends in the middle of it)" if not line.endswith(("\n", "\r")) else ""
             other = self._other_separator(line, len(names))
             hint = f"; with {other!r} in place of {self.form.separator!r} it would be right" if other else ""
-            text = f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
-            yield "", text, text
+            yield "", RAGGED, f"{counted(len(cells), 'value')}, the other rows have {len(names)}{ended}{hint}"
             return
         for i, (name, cell) in enumerate(zip(names, cells, strict=True)):
             if name not in wanted or cell in NO_VALUE:
@@ -335,9 +364,26 @@ class _Clock:
         return (ns - table.first_ns) * 1e-9
 
 
+def _refuse_commas(path: Path, form: Form, lines: Sequence[str]) -> None:
+    """Refuse numbers with a decimal comma that commas separate: "0,001,1,500"."""
+    if form.separator != ",":
+        return
+    row, names = form.unnamed(lines)
+    if form.width == 2 * names:
+        found = f"row {row} has {names} names, the rows have {form.width} cells"
+    elif not form.headed and form.has_decimals_alone(lines):
+        found = f"row {form.skip + 1} has {lines[form.skip]!r:.40}"
+    else:
+        return
+    raise UsageError(
+        f"{path}: {found}: the comma separates the cells and is the decimal mark too; write decimal points, or "
+        "separate the cells by semicolons"
+    )
+
+
 def _day_column(rows: Sequence[Sequence[str]], stamped: Sequence[bool]) -> int | None:
     """The only column of dates, if a column has times of day without a date; else None."""
-    columns = [*zip(*(row for row in rows if len(row) == len(stamped)), strict=True)]
+    columns = [*zip(*_whole_rows(rows, stamped), strict=True)]
     clocks = [cell for column, stamp in zip(columns, stamped, strict=False) if stamp for cell in column]
     if not any(map(clock_times.is_time, clocks)) or any(map(clock_times.has_date, clocks)):
         return None
@@ -347,6 +393,11 @@ def _day_column(rows: Sequence[Sequence[str]], stamped: Sequence[bool]) -> int |
         if stated and all(map(clock_times.is_date, stated)):
             days.append(i)
     return days[0] if len(days) == 1 else None
+
+
+def _whole_rows(rows: Sequence[Sequence[str]], columns: Sequence[object]) -> Iterator[Sequence[str]]:
+    """The rows with a cell for each of the columns."""
+    return (row for row in rows if len(row) == len(columns))
 
 
 def _dated(cells: Sequence[str], column: int, day: int | None) -> str:
@@ -371,19 +422,9 @@ def _lines(text: str) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def _is_grouped(path: Path, form: Form, encoding: str) -> bool:
-    """Whether digits are grouped anywhere in a file: 1.234,5 in its last block too."""
-    with path.open("rb") as file:
-        rest = b""
-        while block := file.read(BLOCK):
-            block = block.replace(b"\0", b"") if encoding.startswith("utf-16") else block
-            if has_groups(rest + block, form.mark, form.separator):
-                return True
-            rest = block[-8:]
-    return False
-
-
 def _encoding(head: bytes) -> str:
+    if head.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        return "utf-32"
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
     for first, name in ((1, "utf-16-le"), (0, "utf-16-be")):
@@ -408,6 +449,11 @@ class _Plain(io.RawIOBase):
     def readable(self) -> bool:
         """Yes."""
         return True
+
+    def close(self) -> None:
+        """Close the file too."""
+        self._text.close()
+        super().close()
 
     def readinto(self, buffer: Any) -> int:
         """Fill the buffer with whole lines as far as they fit."""

@@ -11,7 +11,18 @@ from rig.record.run_data import Reals
 
 _GAP = 1.5  # periods: a longer distance of two samples is a gap
 _EVEN = 0.01  # of a period
+_WHOLE = 2.0**53  # below, a double holds each whole number
 _COARSE = 1e-4  # of a period: a larger distance of two doubles beside the last time is told. chosen
+
+
+def rounding(values: Reals) -> float:
+    """Distance of two doubles beside the largest of these values; 0 if all of them are whole numbers."""
+    known = values[np.isfinite(values)]
+    if known.dtype.kind == "i" or not known.size:
+        return 0.0
+    largest = float(np.abs(known).max())
+    whole = largest < _WHOLE and np.array_equal(known, np.rint(known))
+    return 0.0 if whole else float(np.spacing(largest))
 
 
 @dataclass
@@ -20,12 +31,16 @@ class TimeBase:
 
     file: str
     samples: int = 0
+    origin: float = 0.0
+    """Time in the file from which the others are counted [s]."""
     begin: float = 0.0
-    """Time of the first sample, as the file states it [s]."""
+    """Time of the first sample, from `origin` on [s]."""
     period: float = 0.0
     """Median of the distances of samples in the first block [s]."""
     last: float = 0.0
-    """Time of the latest sample [s]."""
+    """Time of the latest sample, from `origin` on [s]."""
+    rounding: float = 0.0
+    """Distance of two doubles beside the times of the file [s]; 0: whole numbers state them."""
     gaps: int = 0
     longest: float = 0.0
     """Longest gap [s]."""
@@ -65,21 +80,23 @@ class TimeBase:
             self.drift = float(near[-self._quarter :].mean()) / self._first - 1.0
 
     def to_json(self) -> dict[str, object]:
-        """The same as plain values."""
-        return {key: value for key, value in asdict(self).items() if key[0] != "_"}
+        """The same as plain values, with begin and end as the file states them."""
+        told = {key: value for key, value in asdict(self).items() if key[0] != "_"}
+        return {**told, "begin": self.begin + self.origin, "last": self.last + self.origin}
 
     def text(self) -> str:
         """The time base in words."""
         whole = self.last - self.begin - self.lost
         count = self.samples - 1 - self.gaps  # times may be rounded: the mean
         rate = f", {count / whole:.6g} Hz" if count > 0 and whole > 0.0 else ""
-        told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {self.begin:g} to {self.last:g} s"
+        begin = self.begin + self.origin
+        last = self.last + self.origin
+        told = f"{self.file}: {counted(self.samples, 'sample')}{rate}, t = {begin:g} to {last:g} s"
         told += f"; moved by {self.shift:.9g} s" if self.shift else ""
         if self.midnights:
             told += f"; the times of day have no date and pass midnight {counted(self.midnights, 'time')}"
-        steps = float(np.spacing(max(abs(self.begin), abs(self.last))))
-        if steps > _COARSE * self.period > 0.0:
-            told += f"; so far from 0 the times are rounded to {steps:.2g} s, the digits of a double"
+        if self.rounding > _COARSE * self.period > 0.0:
+            told += f"; so far from 0 the times are rounded to {self.rounding:.2g} s, the digits of a double"
         if self.gaps:
             told += f"; {counted(self.gaps, 'gap')}, the longest {self.longest:.6g} s"
         if self.uneven > _EVEN:

@@ -23,12 +23,16 @@ export class Amplitude {
     this.unit = setup.outputs[this.output]?.unit ?? "";
     this.stretches = []; // {from, size}
     this.moves = 0; // largest speed of the surface
-    this.begin(0);
+    this.begin(null);
   }
+
+  /** Whether the frames begin at the begin of the run: a page that is opened later does not know what was before. */
+  get whole() { return 2 * this.stretches[0].from <= (this.stretches[1]?.from ?? this.from); }
 
   begin(from) { [this.from, this.low, this.high, this.count] = [from, Infinity, -Infinity, 0]; }
 
   push({ t: ends, low, high }) {
+    this.from ??= ends[0];
     for (let i = 0; i < ends.length; i += 1) {
       if (low[this.output][i] === null) continue;
       [this.low, this.high] = [Math.min(this.low, low[this.output][i]), Math.max(this.high, high[this.output][i])];
@@ -49,7 +53,7 @@ export function sentence(store) {
   const vibrates = ({ size }) => size > Math.max(CALM * most, FAINT * moves);
   const [factor, written] = scaled(unit, most), told = (size) => number(size * factor, 2);
   const until = stretches.findLastIndex(vibrates), since = stretches[until + 1]?.from;
-  if (until < 0) return t("quiet all the time");
+  if (until < 0) return store.amplitude.whole ? t("quiet all the time") : t("quiet since {time} s", { time: number(stretches[0].from, 3) });
   const cause = (from) => store.events.findLast(({ t: at, kind, text }) => at <= from && at > 0 && CHANGES.includes(kind) && !text.startsWith("hold")); // to hold changes nothing
   if (since === undefined) {
     const calm = stretches.findLastIndex((one) => !vibrates(one)), event = calm >= 0 ? cause(stretches[calm + 2]?.from ?? store.t) : null;
