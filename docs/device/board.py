@@ -56,7 +56,9 @@ def main():
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.bind(("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 5005))
     board = Board()
-    print("ready", flush=True)  # noqa: T201
+    print("ready")  # noqa: T201
+    if hasattr(sys.stdout, "flush"):  # MicroPython has none
+        sys.stdout.flush()
     while True:
         frame, who = link.recvfrom(2048)
         said = board.answer(frame)

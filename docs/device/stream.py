@@ -1,6 +1,7 @@
 """A data acquisition in Python over UDP: the speed of a real belt, a frame each millisecond. python stream.py [PORT]
 
-It needs nothing of friction-rig. On MicroPython connect the network first and name the computer of the run as RIG.
+It needs nothing of friction-rig. On MicroPython connect the network first, name the computer of the run as RIG, and
+take 1e-6 * time.ticks_us() in place of time.time(), which counts whole seconds there.
 """
 
 import math
@@ -31,7 +32,9 @@ def main():
     port = int(sys.argv[1]) if len(sys.argv) > 1 else 5007
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.bind(("0.0.0.0", port))
-    print("ready", flush=True)  # noqa: T201
+    print("ready")  # noqa: T201
+    if hasattr(sys.stdout, "flush"):  # MicroPython has none
+        sys.stdout.flush()
     sequence = 0
     begun = time.time()
     while True:

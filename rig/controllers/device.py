@@ -49,9 +49,9 @@ LOST, BACK, RESET = "device lost", "device back", "device reset"
 class Device(ControllerSection):
     """A controller on a board.
 
-    port       "serial:/dev/ttyACM0" or "udp:192.168.7.2:5005"; by UDP the board answers to its port number plus one
+    port       "serial:/dev/ttyACM0" or "udp:192.168.7.2:5005"; by UDP the board answers to the next number [chosen]
     baud       rate of a serial port [chosen]
-    values     float64 or float32, of measurements and commands
+    values     float64 or float32, of measurements and commands [chosen]
     reads      sensors in the order of the values of a step
     drives     actuators in the order of the values of an answer
     patience   longest wait for an answer in a paced run, by default 0.8 of the period

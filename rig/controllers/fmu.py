@@ -499,9 +499,9 @@ class FmuController:
         unit.steps = steps + 1
         return Moment(unit, steps + 1, next_ns + self.period_ns), commands
 
-    def take_messages(self) -> list[str]:
-        """Warnings and errors in the log of the FMU since the last call."""
-        return [] if self._unit is None else self._unit.take_messages()
+    def take_events(self) -> list[tuple[str, str]]:
+        """Kind and text of the warnings and errors in the log of the FMU since the last call."""
+        return [] if self._unit is None else [("log", text) for text in self._unit.take_messages()]
 
 
 def _rows(variables: Iterable[dict[str, Any]], signals: Iterable[Signal]) -> list[dict[str, Any]]:

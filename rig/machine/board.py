@@ -30,7 +30,7 @@ from glob import glob
 from io import FileIO
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, Field
 
@@ -179,7 +179,7 @@ class Address(NamedTuple):
             number = errno.EACCES if self.device.exists() else errno.ENOENT
             raise DeviceError(f"{self}: {_why_closed(self, OSError(number, ''))}")
 
-    def open(self, baud: int) -> Port:
+    def open(self, baud: int) -> SerialPort | UdpPort:
         """Open the port for this process alone. Raises DeviceError, which says what to do."""
         return _opened_serial(self, baud) if self.kind == "serial" else _opened_udp(self)
 
@@ -192,21 +192,11 @@ BAUD = 115200
 """Its default. # chosen: that of most boards"""
 
 
-class Port(Protocol):
-    """An open port. Its methods raise OSError when the board's end is gone."""
-
-    def send(self, frame: bytes, apart: bool = False) -> None:
-        """Send a frame; `apart`: what was sent before may have been cut off."""
-
-    def receive(self, timeout_s: float) -> list[bytes]:
-        """The frames that have arrived, waiting at most `timeout_s` for the first bytes; b"" for a damaged one."""
-
-    def close(self) -> None:
-        """Close the port."""
-
-
 class SerialPort:
-    """Frames through an open serial port, or one end of a pseudo terminal."""
+    """Frames through an open serial port, or one end of a pseudo terminal.
+
+    Its methods, and those of `UdpPort`, raise OSError when the board's end is gone.
+    """
 
     def __init__(self, file: FileIO) -> None:
         self._file = file
@@ -217,11 +207,11 @@ class SerialPort:
         self._file.write(data)
 
     def send(self, frame: bytes, apart: bool = False) -> None:
-        """See `Port.send`."""
+        """Send a frame; `apart`: what was sent before may have been cut off."""
         self.write(b"\0" * apart + stuffed(frame))
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """See `Port.receive`."""
+        """The frames that have arrived, waiting at most `timeout_s` for the first bytes; b"" for a damaged one."""
         if not select.select([self._file], [], [], max(timeout_s, 0.0))[0]:
             return []
         got = self._file.read(4096)
@@ -232,7 +222,7 @@ class SerialPort:
         return [unstuffed(part) for part in ended if part]
 
     def close(self) -> None:
-        """See `Port.close`."""
+        """Close the port."""
         self._file.close()
 
 
@@ -318,11 +308,11 @@ class UdpPort:
             self._opened = opened.pop_all()
 
     def send(self, frame: bytes, apart: bool = False) -> None:
-        """See `Port.send`."""
+        """See `SerialPort.send`."""
         self._socket.send(frame)
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """See `Port.receive`."""
+        """See `SerialPort.receive`."""
         received: list[bytes] = []
         if select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             with suppress(BlockingIOError):
@@ -338,7 +328,7 @@ class UdpPort:
         return -1
 
     def close(self) -> None:
-        """See `Port.close`."""
+        """See `SerialPort.close`."""
         self._opened.close()
 
 
@@ -391,7 +381,7 @@ class Link:
         self.counts: Counter[str] = Counter(dict.fromkeys(counted, 0))
         self.unfit = ""
         self._baud = baud
-        self._port: Port | None = None
+        self._port: SerialPort | UdpPort | None = None
         self._tried = -inf
 
     def __del__(self) -> None:
@@ -414,7 +404,7 @@ class Link:
             self._port = None
 
     def send(self, frame: bytes, apart: bool = False) -> None:
-        """Send a frame, if the port is open; see `Port.send`."""
+        """Send a frame, if the port is open; see `SerialPort.send`."""
         try:
             if self._port is not None:
                 self._port.send(frame, apart)
@@ -441,6 +431,14 @@ class Link:
     def _fail(self, error: OSError) -> None:
         if error.errno not in AWAY:
             self.close()
+
+    def silence(self, what: str, does: str) -> DeviceError:
+        """The error for a board that sent no `what` within `BOOT_S`, although its program `does`."""
+        rate = f" at {self._baud} baud" if self.address.kind == "serial" else ""
+        return DeviceError(
+            f"{self.address}: no {what} within {BOOT_S:g} s{rate}{self.received}; is the board on, and does its "
+            f"program {does}?"
+        )
 
     @property
     def received(self) -> str:
@@ -484,13 +482,9 @@ class Line(Link):
         """Open the port and wait for the echo of so many values. Raises DeviceError without one within `BOOT_S`."""
         self.open()
         if self.ask(ECHO, 0, (0.0,) * values, BOOT_S, BOOT_AGAIN_S) is None:
-            rate = f" at {self._baud} baud" if self.address.kind == "serial" else ""
-            said = self.received
+            error = self.silence("answer", "answer the frames of docs/device.md")
             self.close()
-            raise DeviceError(
-                f"{self.address}: no answer within {BOOT_S:g} s{rate}{said}; is the board on, and does its program "
-                "answer the frames of docs/device.md?"
-            )
+            raise error
 
     def ask(
         self, kind: int, t_ns: int, values: Sequence[float], patience_s: float, again_s: float = inf

@@ -24,7 +24,7 @@ class Stream(Instrument):
     """A measured channel, in the SI unit that it `delivers`.
 
     reads     the output of the simulated rig that it takes the place of
-    port      "serial:/dev/ttyACM1" or "udp:192.168.7.3:5007": the board sends from this port number to the next one
+    port      "serial:/dev/ttyACM1" or "udp:192.168.7.3:5007": the board sends from this number to the next one [chosen]
     channel   place of the value in a frame, from 1; a frame has as many values as its port has streams
     baud      rate of a serial port [chosen]
     patience  time without a value after which the stream counts as lost [chosen]

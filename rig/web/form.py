@@ -21,6 +21,7 @@ from rig.scenes.explain import Value, explain
 from rig.scenes.protocol import Mark, Ramp, Repeat, Set, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import field_of, known, range_of
+from rig.sensors.stream import AGE, streams
 from rig.units import with_point
 from rig.view.channels import Channels
 from rig.web.picture import MovingPicture
@@ -126,7 +127,9 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
     may = known(assembly, scene.parameters, scene.sensors, scene.controllers)
     owners = {drive: name for name, section in scene.controllers.items() for drive in controller_drives(section)}
     tables: dict[str, list[dict[str, Any]]] = {}
-    of_scene = {value.key: value for value in values if not value.key.startswith("protocol[")}  # it is shown in words
+    unseen = [f"sensors.{name}." for name, section in streams(scene.sensors).items() if section.channel == AGE]
+    unseen.append("protocol[")  # it is shown in words
+    of_scene = {value.key: value for value in values if not value.key.startswith(tuple(unseen))}
     for key in dict.fromkeys((*of_scene, *assembly.inputs)):
         table, _, name = key.rpartition(".")
         value = of_scene.get(key)

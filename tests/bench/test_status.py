@@ -40,3 +40,17 @@ def test_the_live_line_stays_in_its_place_and_lines_stay_above():
     assert written.count("\n") == 1
     assert written.index("hold 3/7") < written.index("mark: here") < written.index("done")
     assert written.endswith("\r")
+
+
+def test_wrong_frames_are_told_by_kind():
+    counts = {"frames": 1, "damaged": 2, "other": 0, "unfit": 1, "lost": 3}
+    assert status.stream("udp:h:1", counts) == (
+        "udp:h:1: 1 frame taken in, 2 frames damaged, 1 frame with other values, lost 3 times"
+    )
+    counts = {"held": 0, "refused": 0, "missed": 2, "again": 0, "damaged": 1, "other": 4, "unfit": 0, "resets": 1}
+    assert status.unanswered(counts) == [
+        "2 steps without an answer of the board",
+        "1 frame damaged",
+        "4 frames late, doubled or foreign",
+        "1 reset of the board",
+    ]

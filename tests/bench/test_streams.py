@@ -222,7 +222,8 @@ def test_without_a_board_another_kind_takes_its_place(tmp_path):
 
 
 def test_a_silent_board_is_told_before_the_run(monkeypatch):
-    monkeypatch.setattr("rig.bench.live.stream_ports.BOOT_S", 0.1)
+    for module in ("rig.bench.live.stream_ports", "rig.machine.board"):
+        monkeypatch.setattr(f"{module}.BOOT_S", 0.1)
     port = board_port()
     scene = scenes.load("belt", roller(port))
     sender = Sender(port)

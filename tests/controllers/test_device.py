@@ -332,5 +332,8 @@ def test_the_shipped_scenes_run_with_the_shipped_stand_in(scene, base, shipped):
         same(rig.simulate(scene, 2.0, overrides={"controllers.nf.port": port}), shipped(base, 2))
     here = board_port()
     _, law = on_board("belt_normal_force", here)
-    with standing_in(here, law), pytest.raises(DeviceError, match="cannot answer there"), started(here, {}):
+    taken = pytest.raises(
+        DeviceError, match="the stand-in for the board ended with code 1: it cannot answer there: Addr"
+    )
+    with standing_in(here, law), taken, started(here, described(scenes.load(base))["nf"]):
         pass

@@ -94,7 +94,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
     experiment.end()
     counters = _counters(plant)
     plant.streams.close()
-    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures, *plant.streams.faults()]
+    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures]
     for name, counts in counters.items():
         if counts["refused"]:
             plant.housekeeper.faults.append(
@@ -146,7 +146,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
         "lost": lost,
         "unknown": unknown,
         "refused": plant.session.inbound.refusals(),
-        "faults": plant.housekeeper.faults,
+        "faults": [*plant.housekeeper.faults, *plant.streams.faults()],
         "postponed": experiment.postponed.to_json(),
         "energy": statistics.pop("energy"),
         "plant": statistics,
@@ -172,7 +172,7 @@ def _mode(job: Job) -> str:
 
 def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     """The timing verdict of a run. `lost`: messages by topic; `unknown`: processes whose losses are unknown."""
-    faults = list(plant.housekeeper.faults)
+    faults = [*plant.housekeeper.faults, *plant.streams.faults()]
     for name, commands in plant.experiment.exchange.all_queues.items():
         if commands.counts.safe:
             faults.append(f"safe values replaced the commands of {name} {counted(commands.counts.safe, 'time')}")

@@ -14,6 +14,19 @@ from rig.model.method import ADAPTIVE
 from rig.printable import counted
 
 LABEL = 10
+WRONG = {
+    "damaged": ("frame", "damaged"),
+    "other": ("frame", "late, doubled or foreign"),
+    "unfit": ("frame", "with other values"),
+}
+"""Counts of wrong frames of a board (rig.machine.board): count -> noun, and what is said of so many."""
+OF_BOARD = {
+    "missed": ("step", "without an answer of the board"),
+    "again": ("step", "asked again"),
+    **WRONG,
+    "resets": ("reset", "of the board"),
+}
+"""Counts of the board of a controller (rig.machine.board.Line), in the same way."""
 UNCLOSED = 1e-2  # share of the largest term: a film in contact leaves up to this
 REFUSED = 5
 """Number of kinds of refused messages that the summary lists."""
@@ -121,9 +134,15 @@ def link(topic: str, counts: Mapping[str, int]) -> str:
 
 def stream(port: str, counts: Mapping[str, int]) -> str:
     """What became of the frames of a stream (rig.bench.live.stream_ports.StreamPort), as a line."""
-    words = [f"{counts['frames']} frames taken in"]
-    words += [f"{count} {what}" for what, count in counts.items() if count and what != "frames"]
+    words = [f"{counted(counts['frames'], 'frame')} taken in", *_told(WRONG, counts)]
+    if counts["lost"]:
+        words.append(f"lost {counted(counts['lost'], 'time')}")
     return f"{port}: {', '.join(words)}"
+
+
+def _told(said: Mapping[str, tuple[str, str]], counts: Mapping[str, int]) -> list[str]:
+    """These of the counts that are not 0, in words. `said`: count -> noun, and what is said of so many."""
+    return [f"{counted(counts[name], noun)} {text}" for name, (noun, text) in said.items() if counts.get(name)]
 
 
 def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
@@ -224,23 +243,7 @@ def unanswered(counts: Mapping[str, int]) -> list[str]:
         words.append(f"{counted(refused, 'answer')} not finite, and not sent")
     if skipped:
         words.append(f"{counted(skipped, 'step')} skipped, because it was behind")
-    return [*words, *_of_board(counts)]
-
-
-def _of_board(counts: Mapping[str, int]) -> list[str]:
-    """What a controller on a board with these counters (rig.machine.board.Line) received wrong, in words."""
-    said = {
-        "missed": "{} without an answer of the board",
-        "again": "{} asked again",
-        "damaged": "{} damaged",
-        "other": "{} late, doubled or foreign",
-        "unfit": "{} with other values",
-        "resets": "{} of the board",
-    }
-    nouns = {"missed": "step", "again": "step", "resets": "reset"}
-    return [
-        text.format(counted(counts[name], nouns.get(name, "frame"))) for name, text in said.items() if counts.get(name)
-    ]
+    return [*words, *_told(OF_BOARD, counts)]
 
 
 def _postponed(counts: Mapping[str, Any] | None) -> list[str]:

@@ -12,7 +12,6 @@ from math import isfinite
 
 from rig.bench.run.journal import Journal
 from rig.bench.run.runner import PlantRunner
-from rig.errors import DeviceError
 from rig.machine.board import BOOT_S, MEASURED, Frame, Link
 from rig.printable import counted
 from rig.scenes.scene import Scene
@@ -89,10 +88,7 @@ class StreamPorts:
             while not port.values and not stopping():
                 left = end - time.perf_counter()
                 if left <= 0.0:
-                    raise DeviceError(
-                        f"{port.address}: no values within {BOOT_S:g} s{port.received}; is the board on, and does its "
-                        "program send the frames of docs/device.md to this computer?"
-                    )
+                    raise port.silence("values", "send the frames of docs/device.md to this computer")
                 port.receive(min(left, 0.1))
 
     def receive(self) -> None:

@@ -32,7 +32,6 @@ from rig.bench.live.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
 from rig.bus.tickets import Listener
-from rig.controllers.device import Device
 from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
 from rig.extras import check
 from rig.machine.files import RUNS
@@ -340,8 +339,8 @@ class RunProcesses:
             self._hear()
             del self.others[who]
             self.died.append(child.ending)
-            section = Scene.from_json(self.job.scene).controllers.get(who[1])
-            self._say(child.ending if isinstance(section, Device) else f"{child.ending}; the plant continues")
+            begun = bool(self._health)  # before, the plant says what it does without it
+            self._say(f"{child.ending}; the plant continues" if begun else child.ending)
             with suppress(RigError):  # the plant is ending or busy; it waits for a bounded time only
                 session.ask("cmd/plant", {"do": "begin", "without": called(*who)}, timeout=1.0)
 

@@ -179,7 +179,6 @@ class ControllerInProcess:
         """Steps that it did not answer in the recording that is continued."""
         self._journal = experiment.journal
         self.columns = [self._runner.bank.names.index(sensor) for sensor in loop.controller.reads]
-        self._speaks = hasattr(loop.controller, "take_messages")
         self._tells = hasattr(loop.controller, "take_events")
         self._latest = self._runner.bank.latest.item
 
@@ -254,7 +253,7 @@ class ControllerInProcess:
             call(self.name)
         try:
             answer = loop.answer(t_ns, heard)
-            said = loop.controller.take_messages() if self._speaks else ()  # type: ignore[attr-defined]
+            told = loop.controller.take_events() if self._tells else ()  # type: ignore[attr-defined]
             for call in CALLS:
                 call("")
         except (ControllerLost, KeyboardInterrupt):
@@ -263,9 +262,7 @@ class ControllerInProcess:
             raise failure(self.name, t_ns, error) from error
         if first and loop.refused:
             self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)
-        for text in said:
-            self._journal.note_at(tick, "log", text, controller=self.name)
-        for kind, text in loop.controller.take_events() if self._tells else ():  # type: ignore[attr-defined]
+        for kind, text in told:
             self._journal.note_at(tick, kind, text, controller=self.name)
         return answer
 

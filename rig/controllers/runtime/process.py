@@ -59,7 +59,6 @@ class Worker(Service):
         if changes:
             self.loop.retune(changes)
         self._long = 0
-        self._speaks = hasattr(controller, "take_messages")
         self._tells = hasattr(controller, "take_events")
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
@@ -182,9 +181,6 @@ class Worker(Service):
                 self.act.put(self.answered, t_ns)
             if loop.refused and not refused:
                 self.publish("not finite", NOT_FINITE.format(self.session.name), {})
-            if self._speaks:
-                for text in loop.controller.take_messages():  # type: ignore[attr-defined]
-                    self.publish("log", text, {})
             if self._tells:
                 for kind, text in loop.controller.take_events():  # type: ignore[attr-defined]
                     self.publish(kind, text, {})

@@ -3,30 +3,28 @@
     python -m rig.controllers.runtime.stand_in udp:127.0.0.1:5005      description of the controller (JSON) on stdin
     python -m rig.controllers.runtime.stand_in serial:/tmp/board       a pseudo terminal with a link to it
 
-It prints "ready" when it answers.
+It tells the process that started it when it answers.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from rig import controllers
 from rig.controllers.blocks.base import Controller, State
-from rig.errors import DeviceError
+from rig.errors import DeviceError, ExitCode
 from rig.machine.board import ACT, ECHO, ECHOED, START, STEP, UNSTARTED, Address, Frame, SerialPort, UdpPort
-from rig.machine.process import no_garbage
+from rig.machine.process import Child, as_process, end, no_garbage, tell, with_parent
 from rig.machine.scheduling import PLANT, ahead, come_first, locked, stay_on
 
-READY = "ready\n"
-"""What it prints when it answers."""
 LOOK_S = 0.1
 """Longest wait for a frame [s]."""
 PRIORITY = PLANT + 2
@@ -92,30 +90,33 @@ def started(port: str, description: Mapping[str, Any]) -> Iterator[None]:
 
     Raises DeviceError if it cannot.
     """
-    command = [sys.executable, "-m", __name__, port]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdin is not None
-        assert child.stdout is not None
-        child.stdin.write(json.dumps(description))
-        child.stdin.close()
-        try:
-            if child.stdout.readline() != READY:
-                raise DeviceError(f"{port}: the stand-in for the board cannot answer there")
-            yield
-        finally:
-            child.terminate()
+    child = Child("the stand-in for the board", [__name__, port], fed=True)
+    child.feed(json.dumps(description))
+    child.dismiss()
+    try:
+        while not child.new_words():
+            if child.wait(LOOK_S):
+                raise DeviceError(f"{port}: {child.ending}")
+        yield
+    finally:
+        end([child], 0.0)
 
 
-def main() -> None:
+def main() -> int:
     """Serve the controller whose description is on standard input, until this process is ended."""
-    board = Board(controllers.restored(json.load(sys.stdin)))
+    board = Board(controllers.restored(json.loads(sys.stdin.readline())))
     come_first()
-    with suppress(KeyboardInterrupt), board_end(Address.read(sys.argv[1])) as port:
-        with no_garbage(), locked(), ahead(PRIORITY):
-            sys.stdout.write(READY)
-            sys.stdout.flush()
+    with_parent(partial(os._exit, ExitCode.FAILED))
+    try:
+        with board_end(Address.read(sys.argv[1])) as port, no_garbage(), locked(), ahead(PRIORITY):
+            tell("ready")
             while True:
                 serve(port, board)
+    except OSError as error:
+        why = f"it cannot answer there: {error.strerror}"
+        if not tell("fault", why):
+            sys.stderr.write(f"{why}\n")
+        return ExitCode.FAILED
 
 
 def serve(port: SerialPort | UdpPort, board: Board) -> None:
@@ -134,4 +135,4 @@ def serve(port: SerialPort | UdpPort, board: Board) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    as_process(main)

@@ -38,7 +38,7 @@ export function create(bench) {
   const next = h("div", { class: "row small", id: "next", hidden: true }), nextTitle = h("span", { class: "grow" });
   next.append(nextTitle, h("button", { id: "show-next", onclick: () => { leaveRun(); show(); } }, t("Show it")));
   const title = h("h1", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "doubtful small pre" });
-  const effects = h("table"), of = h("details", {}, h("summary", {}, t("Effects")), effects);
+  const effects = h("table", { id: "effects" }), of = h("details", {}, h("summary", {}, t("Effects")), effects);
   const fault = h("div", { class: "fault", id: "form-fault", role: "alert" }), act = attempting(fault);
   const said = h("div", { class: "small pre grow" }), summary = data("pre", { class: "scroll", tabIndex: 0 }), recorded = h("div", { class: "small" });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, t("Whole summary")), recorded, summary);

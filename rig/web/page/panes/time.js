@@ -182,8 +182,9 @@ export function create(source, redraw, { whole = false, other = () => null, move
       pen.beginPath(); pen.moveTo(x(at), 0); pen.lineTo(x(at), top); pen.stroke();
       pen.globalAlpha = 1;
       pen.beginPath(); pen.moveTo(x(at) - 4, top + 7); pen.lineTo(x(at) + 4, top + 7); pen.lineTo(x(at), top); pen.fill();
-      const label = inWords(event, source()).slice(0, 42), size = pen.measureText(label).width, row = ends.findIndex((one) => one < x(at) - 8);
-      if (row >= 0) { const from = Math.min(x(at) - 2, width - RIGHT - size); pen.fillText(label, from, top + 14 + 13 * row); ends[row] = from + size; }
+      const label = inWords(event, source()).slice(0, 42), size = pen.measureText(label).width;
+      const from = Math.min(x(at) - 2, width - RIGHT - size), row = ends.findIndex((end) => end < from - 6);
+      if (row >= 0) { pen.fillText(label, from, top + 14 + 13 * row); ends[row] = from + size; }
     }
   }
 
