@@ -13,11 +13,13 @@ from rig.analysis.robust.stated import box
 def certify(matrix, count, *stated, most=PARTS, period=0.0, **more):
     """What is known of the unit cube of matrix(u [count]), examined in this process."""
 
+    try:
+        examination = Examination(lambda u: Matrix(matrix(u), period), count, *stated, **more)
+    except NoProof as fault:
+        why = str(fault)
+        return examined(lambda parts: [{"why": why}], [np.array([np.zeros(count), np.ones(count)])], 0.0)
+
     def ask(parts):
-        try:
-            examination = Examination(lambda u: Matrix(matrix(u), period), count, *stated, **more)
-        except NoProof as fault:
-            return [{"why": str(fault)}]
         return [examination.examined(*part[2:]) for part in parts]
 
     return examined(ask, [np.array([np.zeros(count), np.ones(count)])], 0.0, most)

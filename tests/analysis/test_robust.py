@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robust_scenes import BELT, LOOPED, SHUNT, STACK, absorber, three_pairs
+from robust_scenes import BELT, LOOPED, SHUNT, STACK, absorber, here, three_pairs
 from scipy.signal import cont2discrete
 
 import rig as lab
@@ -16,7 +16,7 @@ from rig.analysis.linear.control_loop import plant
 from rig.analysis.robust import design, search
 from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.stated import box, prepared
-from rig.analysis.robust.tasks import Computer, Region, here, worst
+from rig.analysis.robust.tasks import Computer, Region, whole, worst
 from rig.design import numbers
 from rig.design.linearised import arithmetic
 from rig.errors import SceneError, UsageError
@@ -62,7 +62,7 @@ def test_equal_dampers_of_perpendicular_springs():
     over = {"spring_1.angle": "135 deg", "spring_2.angle": "45 deg", "spring_1.damping": 1.0, "spring_2.damping": 1.0}
     scene = lab.load("two_dof", over)
     growth = Growth(scene, box(scene, {}, {"friction.mu": (1.0, 1.4), "contact.stiffness": (40.0, 60.0)}))
-    bad = worst(here(growth), np.zeros(0))
+    bad = worst(here(growth), np.zeros(0), whole(2))
     kappas = []
     for mu in np.linspace(1.0, 1.4, 81):
         for k in np.linspace(40.0, 60.0, 81):
@@ -250,6 +250,9 @@ REFUSED = {
         *("two_dof", "--against", "friction.mu=+-2 %", "--over", "spring_1.damping=0 N*s/m:1 N*s/m"),
         *("-p", "spring_1.damping=0.3 N*s/m"),
     ],
+    "--write: no scene is written: no value is free": [
+        *("two_dof", "--against", "friction.mu=+-2 %", "--write", "mine.toml"),
+    ],
     "9 uncertain values, and at most 8": [
         *("brake", "--against", "friction.mu=+-1 %", "--against", "load.force=+-1 %"),
         *(f"--against=springs.{name}.stiffness=+-1 %" for name in SPRINGS),
@@ -310,6 +313,27 @@ def test_distributions_state_the_box_by_quantiles_and_the_audit_by_draws():
     assert values.std() == pytest.approx(0.02, rel=0.05)
     assert draws.min() >= 0.0
     assert draws.max() <= 1.0
+
+
+COVARIANCE = {"key": "friction.mu", "unit": "1", "value": 0.4, "log": True, "size": 1.0, "from": 0.1, "to": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("row", "covariance"),
+    [
+        (COVARIANCE, [[-1.0]]),
+        (COVARIANCE, [[1.0, 2.0]]),
+        (COVARIANCE, None),
+        (COVARIANCE | {"value": "x"}, [[1.0]]),
+        (COVARIANCE | {"value": -0.4}, [[1.0]]),
+        ({"key": "friction.mu"}, [[1.0]]),
+    ],
+)
+def test_a_damaged_covariance_is_refused(tmp_path, row, covariance):
+    file = tmp_path / "damaged.covariance.json"
+    file.write_text(json.dumps({"parameters": [row], "covariance": covariance}))
+    with pytest.raises(SceneError, match="is no covariance of rig identify"):
+        box(lab.load("two_dof"), {}, {"friction.mu": f"identified({file})"})
 
 
 @pytest.mark.parametrize(

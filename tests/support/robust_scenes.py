@@ -6,6 +6,8 @@ matrices: three flutter pairs on a disc, and a mass with an absorber.
 
 import numpy as np
 
+from rig.analysis.robust.tasks import Computer, Tasks
+
 FORMULA = 0.03647488974112161  # H, of the shipped shunt
 SHUNT = {
     "shunt.resistance": "5 ohm:300 ohm",
@@ -23,6 +25,12 @@ LOOPED = {**BELT, "controllers.nf.delay": "0 ms:20 ms"}
 BASE = [(1.6e6, -4.0e5, 0.8e6), (3.7e6, -9.0e5, 1.9e6), (6.9e6, -1.5e6, 4.1e6)]
 SPRINGS = (1.0e6, 2.0e6, 3.0e6)
 DAMPERS = ("c1", "c2", "c3", "cd")
+
+
+def here(growth, limits=()):
+    """Tasks that this process computes when they are asked for."""
+    computer = Computer(lambda: growth, limits)
+    return Tasks(growth, limits, lambda units, _: [computer(unit, *given) for unit, given in units.items()])
 
 
 def _part(name, of, matrix, times=""):

@@ -193,7 +193,10 @@ def asking(work: Work, store: Store, workers: int | None, most: int, cluster: st
                 computing.compute(todo, lambda done: progress(ready + done))
                 rows.update(store.load(min(todo)))
                 lost = {unit: why for unit, why in computing.failed.items() if unit in todo}
-                rows.update({unit: work.given_up(unit, why) for unit, why in lost.items()})
+                try:
+                    rows.update({unit: work.given_up(unit, why) for unit, why in lost.items()})
+                except WorkerError as fault:
+                    raise WorkerError(f"{fault}{store.kept}") from None
             progress(len(units))
             return [rows.pop(unit) for unit in units]
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,16 +105,12 @@ def ascend(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> tuple
     for _ in range(_AGAIN):
         if best[1] == math.inf:
             break
-        best = max(best, at(_ascent(growth, x, best[0], low, high)), key=_growth)
-        other = max(map(at, _other_frames(growth, best[0], low, high)), key=_growth, default=best)
+        best = max(best, at(_ascent(growth, x, best[0], low, high)), key=itemgetter(1))
+        other = max(map(at, _other_frames(growth, best[0], low, high)), key=itemgetter(1), default=best)
         if not other[1] > best[1]:
             break
         best = other
     return best
-
-
-def _growth(found: tuple[Array, float, float]) -> float:
-    return found[1]
 
 
 def _ascent(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Array:

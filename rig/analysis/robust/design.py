@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.robust.descent import beyond
-from rig.analysis.robust.tasks import Found, Region, Tasks, ascended, whole, worst
+from rig.analysis.robust.tasks import Found, Region, Tasks, ascended, worst
 
 Array = NDArray[np.float64]
 FIRST = 64
@@ -66,17 +66,16 @@ def nominal_optimum(tasks: Tasks, seed: int) -> Array:
 def robust(
     tasks: Tasks,
     seed: int,
-    also: Sequence[Array] = (),
-    region: Region | None = None,
+    also: Sequence[Array],
+    region: Region,
     audit: bool = True,
     target: float = -math.inf,
 ) -> Designed:
-    """Return the design whose worst rig in a region (by default the stated box) grows least.
+    """Return the design whose worst rig in a region grows least.
 
     `also`: designs [free] that are tried as well; `audit`: whether random rigs are. `target` [1/s]: a design whose
     worst rig grows by no more is good enough, and the search ends where the set of rigs allows none.
     """
-    region = whole(len(tasks.growth.box.uncertain)) if region is None else region
     U = np.clip(tasks.growth.box.centre, *region)[None]
     X = np.vstack([_starts(tasks, np.unique(np.vstack([U, *region]), axis=0), _ROBUST, seed), *also])
     made: list[Designed] = []

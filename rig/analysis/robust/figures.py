@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from rig.analysis.robust.in_time import Timed
     from rig.analysis.robust.result import RobustResult
-    from rig.analysis.robust.search import Entry
 
 _COLOURS = ("#1d4f91", "#c03a76")
 _BINS = 80
@@ -45,7 +44,7 @@ def robust_figure(result: RobustResult) -> Figure:
         top.axvline(0.0, color="0.3", lw=0.8)
         top.set(xlabel="growth rate [1/s]", ylabel="rigs [1]")
         top.legend(loc="best")
-        _plane(below, result.found.entries[: len(growths)], result.job.band, float(every.min()))
+        _plane(below, result, float(every.min()))
         beside = None
         for column, design in enumerate(designs):
             beside = figure.add_subplot(grid[2, column], sharey=beside)
@@ -68,13 +67,14 @@ def _envelopes(axes: Axes, runs: Sequence[Timed], colour: str) -> None:
     axes.legend(loc="best")
 
 
-def _plane(axes: Axes, entries: tuple[Entry, ...], band: tuple[float, float], least: float) -> None:
+def _plane(axes: Axes, result: RobustResult, least: float) -> None:
     """Eigenvalues of the nominal rigs and of the worst ones, within the band."""
-    for entry, colour in zip(entries, _COLOURS):
-        for k, rates in enumerate(entry.rates):
+    growth = result.job.grown()
+    for entry, colour in zip(result.found.entries[: len(result.growths)], _COLOURS):
+        for k, rates in enumerate(entry.spectra(growth)):
             near = rates[(rates.imag >= 0.0) & (rates.real > _FAR * min(least, -1.0))]
             tones = hertz(near)
-            drawn = (tones >= band[0]) & (tones <= band[1])
+            drawn = growth.inside(tones)
             label = f"{entry.name}, {'worst rigs' if k else 'nominal rig'}" if k < 2 else None
             marker = "x" if k else "o"
             axes.plot(near.real[drawn], tones[drawn], marker, ms=5, color=colour, fillstyle="none", label=label)

@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -301,43 +302,28 @@ def least_knocks(
     growth: Growth, cases: Sequence[Case], ask: Ask, root: Path, watch: Callable[[str], object]
 ) -> list[Least]:
     """Return the least knock of each case. `root`: the folder of branches; `watch` gets what is done with them."""
-    least = {i: without(case) for i, case in enumerate(cases)}
-    ways = [(i, side) for i, known in least.items() if known is None for side in _SIDES]
-    found = dict(zip(ways, ask(ways)))
-    notes: dict[int, str] = {}
-    rest: list[tuple[float, ...]] = []
-    for i in [i for i, known in least.items() if known is None]:
-        first = min((found[i, side] for side in _SIDES), key=_high)
-        least[i], notes[i] = _of_tries(growth, cases[i], first, root, watch)
-        if least[i] is None:
-            rest += [(i, side, *found[i, side][:2]) for side in _SIDES if found[i, side].low < first.high]
-    halves = list(zip(rest, ask(rest)))
-    for i in [i for i, known in least.items() if known is None]:
-        (_, side, *_), ends = min((way for way in halves if way[0][0] == i), key=lambda way: way[1].high)
-        beyond = f"bisection of whole runs; beyond it {ends.why or found[i, side].why}"
-        unit = side * cases[i].unit
-        least[i] = Least(unit * ends.low, unit * ends.high, "; ".join(filter(None, (beyond, notes[i]))))
-    return [known for known in least.values() if known is not None]
+    return [without(case) or _searched(growth, i, case, ask, root, watch) for i, case in enumerate(cases)]
 
 
-def _high(ends: Ends) -> float:
-    return ends.high
-
-
-def _of_tries(
-    growth: Growth, case: Case, ends: Ends, root: Path, watch: Callable[[str], object]
-) -> tuple[Least | None, str]:
-    """The least knock, if knocks of all `SIZES` or an unstable cycle show it; and a note on the cycle."""
-    if not math.isfinite(ends.high):
-        return _none(f"none: it comes back from every knock up to {SIZES[-1] * case.unit:.4g} N s"), ""
-    if not ends.low:
-        return _none(f"not found: after {SIZES[0] * case.unit:.4g} N s, {case.lasting:.4g} s later, {ends.why}"), ""
-    if case.scene.controllers or ends.why != VIBRATES:
-        return None, ""
-    size, how = by_branches(growth, case, root, watch)
-    if ends.low * (1.0 - _SAME) <= abs(size) / case.unit <= ends.high * (1.0 + _SAME):
-        return Least(size, size, how), how
-    return None, how
+def _searched(growth: Growth, number: int, case: Case, ask: Ask, root: Path, watch: Callable[[str], object]) -> Least:
+    """The least knock of a case whose sliding is stable."""
+    sides = dict(zip(_SIDES, ask([(number, side) for side in _SIDES])))
+    first = min(sides.values(), key=attrgetter("high"))
+    if not math.isfinite(first.high):
+        return _none(f"none: it comes back from every knock up to {SIZES[-1] * case.unit:.4g} N s")
+    if not first.low:
+        return _none(f"not found: after {SIZES[0] * case.unit:.4g} N s, {case.lasting:.4g} s later, {first.why}")
+    note = ""
+    if not case.scene.controllers and first.why == VIBRATES:
+        size, note = by_branches(growth, case, root, watch)
+        if first.low * (1.0 - _SAME) <= abs(size) / case.unit <= first.high * (1.0 + _SAME):
+            return Least(size, size, note)
+    rest = {side: ends for side, ends in sides.items() if ends.low < first.high}
+    halves = dict(zip(rest, ask([(number, side, ends.low, ends.high) for side, ends in rest.items()])))
+    side = min(halves, key=lambda side: halves[side].high)
+    low, high, why = halves[side]
+    beyond = f"bisection of whole runs; beyond it {why or sides[side].why}"
+    return Least(side * case.unit * low, side * case.unit * high, "; ".join(filter(None, (beyond, note))))
 
 
 def _none(how: str) -> Least:

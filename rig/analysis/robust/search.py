@@ -48,16 +48,17 @@ _AT_ONCE = 256  # parts: between two of them the share that is proved is told
 
 
 class Entry(NamedTuple):
-    """A design x [free]: growth [1/s] and frequency [Hz] of its `nominal` rig, and its `worst` rigs.
-
-    `rates`: the eigenvalues of its nominal rig and of its worst rigs.
-    """
+    """A design x [free]: growth [1/s] and frequency [Hz] of its `nominal` rig, and its `worst` rigs."""
 
     name: str
     x: Array
     nominal: tuple[float, float]
     worst: Found
-    rates: tuple[Complex, ...]
+
+    def spectra(self, growth: Growth) -> list[Complex]:
+        """The eigenvalues of its nominal rig and of its worst rigs, as far as these have some."""
+        rigs = [growth.matrix(self.x, u) for u in (growth.box.centre, *self.worst.u[:_DRAWN])]
+        return [rig.spectrum for rig in rigs if not rig.why]
 
 
 class Findings(NamedTuple):
@@ -150,11 +151,10 @@ def _find(job: Job, tasks: Tasks) -> Findings:
         unrounded = design
         design, combinations = rounded(tasks, design, region, job.series)
     x = design.x
-    entries = [_entry(tasks, ROBUST, x, design.worst)]
-    if optimum is not None:
-        entries.append(_entry(tasks, NOMINAL, optimum, worst(tasks, optimum, region)))
-    if own is not None and box.free:
-        entries.append(_entry(tasks, SCENE, own, worst(tasks, own, region)))
+    entries = [Entry(ROBUST, x, growth.value(x, box.centre), design.worst)]
+    for name, other in ((NOMINAL, optimum), (SCENE, own if box.free else None)):
+        if other is not None:
+            entries.append(Entry(name, other, growth.value(other, box.centre), worst(tasks, other, region)))
     audit = design.audit or audited(tasks, x, region, job.seed)
     beside = tasks.growths(optimum, audit.u).growth if optimum is not None else np.zeros(0)
     relief = _relief(tasks, design)
@@ -203,14 +203,6 @@ def _check_rig(job: Job, growth: Growth, x: Array) -> None:
         f"band {low:g} Hz:{high:g} Hz: {job.scene.name} has no mode in it; the nearest are at {listed} Hz. "
         "State a band that contains the modes that are to decay"
     )
-
-
-def _entry(tasks: Tasks, name: str, x: Array, bad: Found) -> Entry:
-    growth = tasks.growth
-    rigs = [growth.matrix(x, u) for u in (growth.box.centre, *bad.u[:_DRAWN])]
-    rates = [rig.spectrum for rig in rigs if not rig.why]
-    rates = [every[np.lexsort((-every.imag, -every.real))] for every in rates]
-    return Entry(name, x, growth.value(x, growth.box.centre), bad, tuple(rates))
 
 
 def _relief(tasks: Tasks, design: Designed) -> Array:
@@ -268,7 +260,7 @@ def _stuck(growth: Growth, design: Designed) -> float:
 
 def _edges(growth: Growth, robust: Entry) -> tuple[float, ...]:
     """Frequencies [Hz] of modes of the robust design within two percent of an edge of the band."""
-    rates = np.concatenate([*robust.rates, np.zeros(0)])
+    rates = np.concatenate([*robust.spectra(growth), np.zeros(0)])
     tones = hertz(rates[rates.imag > 0.0])
     edges = [edge for edge in growth.band if 0.0 < edge < math.inf]
     near = [tones[np.abs(tones - edge) <= _EDGE * edge] for edge in edges]

@@ -336,10 +336,7 @@ def _about(scene: Scene, key: str, unit: str, given: _Range, free: bool, step: f
         raise ValueError(f"a delay is searched in whole frames of {1e3 * step:g} ms; state a range of such, FROM:TO")
     value = replace(value, axis=replace(axis, values=(first, last)))
     if not free:  # of a design outside of the scene's own values the search finds out
-        try:
-            value.axis.check(scene, dict.fromkeys(value.axis.values))
-        except ValueError as fault:
-            raise ValueError(f"at {fault}") from None
+        value.axis.check(scene, dict.fromkeys(value.axis.values))
     return value
 
 

@@ -156,21 +156,14 @@ class Computer:
             return {"why": np.array(str(fault))}
 
 
-def here(growth: Growth, limits: Sequence[Limit] = ()) -> Tasks:
-    """Return tasks that this process computes when they are asked for."""
-    computer = Computer(lambda: growth, limits)
-    return Tasks(growth, limits, lambda units, _: [computer(unit, *given) for unit, given in units.items()])
-
-
 def whole(count: int) -> Region:
     """Return the region of the stated box of `count` values."""
     return Region(np.zeros(count), np.ones(count))
 
 
-def worst(tasks: Tasks, x: Array, region: Region | None = None, seeds: Array | None = None) -> Found:
+def worst(tasks: Tasks, x: Array, region: Region, seeds: Array | None = None) -> Found:
     """Return the worst rigs of design x [free] in a region, the worst first; `seeds` [k, uncertain]: tried as well."""
     centre = tasks.growth.box.centre[None]
-    region = whole(centre.shape[1]) if region is None else region
     other = centre if seeds is None else np.vstack([centre, seeds])
     tried = np.vstack([np.clip(other, *region), _levels(tasks.growth, x, region)])
     return ascended(tasks, x, region, tasks.growths(x, np.unique(tried, axis=0)))
