@@ -71,7 +71,7 @@ def needed() -> Iterator[Scene]:
     for name in cases.names():
         case = cases.load(name)
         if case.quick:
-            for variant in cases.each(case, True):
+            for variant in cases.of_scenes(case, True):
                 yield from kernel_scenes(variant, True)
 
 
@@ -228,7 +228,7 @@ def matrix(
     """
     variants: list[Case] = []
     for name in names:
-        variants += cases.each(cases.load(name), quick)
+        variants += cases.of_scenes(cases.load(name), quick)
     work = Work(partial(_cells, quick), variants)
     prepare((scene for case in variants for scene in kernel_scenes(case, quick)), report)
     with temporary(work) as store:
