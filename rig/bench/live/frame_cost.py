@@ -61,14 +61,12 @@ def kept_pace(scene: Scene, pace: float, cost: FrameCost, adapts: bool) -> tuple
     `adapts`: whether the run takes the largest pace that holds on this machine.
     """
     busy = cost.busy(scene, pace)
+    frame = _frame_in_words(scene, pace)
     holding = cost.holding(scene, pace)
     if holding == pace:
-        return (
-            pace,
-            f"pace {pace:g}: {_frame_in_words(scene, pace)} is {busy:.0%} busy on this machine" if adapts else "",
-        )
+        return pace, f"pace {pace:g}: {frame} is {busy:.0%} busy on this machine" if adapts else ""
     where = "" if cost.whole else f" in the first {cost.seconds:.3g} s of the run"
-    load = f"at a pace of {pace:g} {_frame_in_words(scene, pace)} is {busy:.0%} busy on this machine{where}"
+    load = f"at a pace of {pace:g} {frame} is {busy:.0%} busy on this machine{where}"
     if adapts:
         return holding, f"pace {holding:g}: {load}, and {MOST:.0%} holds"
     late = "will" if busy > 1.0 else "may"
