@@ -9,7 +9,7 @@ from wrong_methods import WRONG
 from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
-from rig.qualify.torture import trial
+from rig.qualify.torture import recorded_run, trial
 from rig.qualify.torture.case import load, of_scenes, read, watched
 from rig.qualify.torture.cells import cells
 from rig.qualify.torture.results import RunOutcome, judge
@@ -66,7 +66,7 @@ def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_frict
 
 
 def test_processes_in_lockstep_have_the_bits_of_one_process(runs):
-    result = trial.processes(load("loop_as_processes"), 100_000_000)
+    result = recorded_run.processes(load("loop_as_processes"), 100_000_000)
     assert result.colour == "green"
     assert result.detail == "2 sensors and 1 controller have the same bits as in one process"
 

@@ -14,8 +14,9 @@ from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture.case import Case, Watched, changed, watched
+from rig.qualify.torture.recorded_run import processes, recording
 from rig.qualify.torture.results import FAULTS, CellResult, OutOfTime, RunOutcome, fault, judge, red
-from rig.qualify.torture.trial import Trial, processes, recording
+from rig.qualify.torture.trial import Trial
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
