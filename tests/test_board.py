@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from rig.controllers.runtime.stand_in import board_end
 from rig.errors import DeviceError
 from rig.machine import board
-from rig.machine.board import ACT, STEP, Address, Frame, Line, stuffed, unstuffed
+from rig.machine.board import ACT, STEP, Address, Frame, Line, UdpPort, stuffed, unstuffed
 
 VALUES = st.lists(st.floats(allow_nan=False), max_size=24).map(tuple)
 
@@ -156,6 +156,24 @@ def sent_from(line, core):
     line.send(b"frame")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="this computer has one address of its own there")
+def test_boards_of_two_computers_may_have_one_port_number_and_each_has_one_run():
+    first = Address.read(board_port())
+    second = Address("udp", "127.0.0.2", first.number)
+    ends = [UdpPort((board.where, board.number), ("127.0.0.1", first.number + 1)) for board in (first, second)]
+    lines = [board.open(0) for board in (first, second)]
+    with pytest.raises(DeviceError, match=r"localhost:.* another process has opened it"):
+        Address("udp", "localhost", first.number).open(0)
+    for number, (end, line) in enumerate(zip(ends, lines)):
+        line.send(b"asked")
+        assert end.receive(1.0) == [b"asked"]
+        end.send(bytes([number]))
+    assert [line.receive(1.0) for line in lines] == [[b"\0"], [b"\1"]]
+    for port in (*ends, *lines):
+        port.close()
+    first.open(0).close()
+
+
 def test_a_board_that_is_away_costs_the_patience_and_no_more():
     line = Line(Address.read(board_port()), "float64", 1)
     line.open()
@@ -180,13 +198,17 @@ def test_a_port_that_cannot_be_opened_says_why(tmp_path, monkeypatch):
         with pytest.raises(DeviceError, match="another process has opened it"):
             address.open(115200)
         port.close()
-        with pytest.raises(DeviceError, match="baud = 123: the system knows 9600, "):
+        with pytest.raises(DeviceError, match=r"board: baud is 123; the system knows 9600, "):
             address.open(123)
+        with pytest.raises(DeviceError, match="baud is 0"):  # this rate hangs up
+            address.open(0)
+    with pytest.raises(DeviceError, match="there is no such port"):
+        Address("serial", str(tmp_path)).open(115200)
     here = Address.read(board_port())
-    port = here.open(0)
+    other = UdpPort(("127.0.0.1", here.number + 1), ("127.0.0.1", 9))
     with pytest.raises(DeviceError, match=f"uses the port {here.number + 1} of this computer"):
         here.open(0)
-    port.close()
+    other.close()
     with pytest.raises(DeviceError, match=r"no computer is called no\.such\.invalid"):
         Address("udp", "no.such.invalid", 5005).open(0)
 

@@ -174,7 +174,7 @@ def doctor(
 
 def device(
     port: Annotated[str, Argument("PORT", "serial:/dev/ttyACM0 or udp:HOST:PORT.")],
-    baud: Annotated[int, Option("RATE", "Rate of a serial port.")] = 115200,
+    baud: Annotated[int, Option("RATE", "Rate of a serial port.", low=1)] = 115200,
     values: Annotated[Literal["float64", "float32"], Option("", "As in the scene.")] = "float64",
     count: Annotated[int, Option("N", "Values of a frame, each way.", low=1, high=24)] = 1,
 ) -> Answer:

@@ -432,6 +432,8 @@ def _notes(run: Run) -> Iterator[str]:
         text = event["text"]
         if kind == "warning" or (kind == "overruled" and t == forked):
             yield f"warning: {text}"
+        elif kind == "log" and t == forked:  # a board that was asked again
+            yield text
         elif t >= forked and kind in told and text.partition("\n")[0] not in run.fault:
             yield f"{t * 1e-9:.3f} s  {kind}: {text}"
     if run.fault:

@@ -169,9 +169,11 @@ def _robust(
     from rig.analysis import robust
     from rig.analysis.pool import Store
     from rig.analysis.robust.in_time import envelopes
-    from rig.analysis.robust.result import write
+    from rig.analysis.robust.result import NOTHING_DESIGNED, write
     from rig.machine.files import write_file
 
+    if file is not None and not job.box.free:
+        raise UsageError(f"--write: {NOTHING_DESIGNED}")
     printing.warnings(scene)
     store = Store.of(job.work, at(out))
     refuse(store.folder, ("robust.csv",), force)

@@ -21,6 +21,7 @@ from rig.errors import DeviceError
 from rig.machine.board import (
     ACT,
     AGAIN_S,
+    BAUD,
     BITS,
     COUNTED,
     MOST,
@@ -29,6 +30,7 @@ from rig.machine.board import (
     UNSTARTED,
     WIDTHS,
     Address,
+    Baud,
     Line,
     PortName,
     line_bytes,
@@ -66,7 +68,7 @@ class Device(ControllerSection):
 
     kind: Literal["device"]
     port: PortName
-    baud: int = 115200
+    baud: Baud = BAUD
     values: Literal["float64", "float32"] = "float64"
     reads: tuple[str, ...] = ()
     drives: tuple[str, ...]

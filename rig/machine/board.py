@@ -20,6 +20,7 @@ import os
 import select
 import socket
 import struct
+import sys
 import time
 import zlib
 from collections import Counter
@@ -31,7 +32,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from rig.errors import DeviceError
 from rig.machine.files import take
@@ -73,6 +74,7 @@ BITS = 10
 """Bits that a UART sends for a byte: start, eight of data, stop."""
 # Wait until a frame is sent again when the answer is waited for [s]; doubled each time up to the second value. chosen
 AGAIN_S, AGAIN_MOST_S = 0.01, 0.5
+TAKEN = "another process has opened it, a run or a serial monitor; end this process first"
 COUNTED = ("asked", "again", "missed", "damaged", "other", "unfit", "resets", "opened")
 """Names of the counts of a `Line`."""
 # Most datagrams that are read at once. # chosen: a flood cannot stop its reader, and a backlog is soon over
@@ -184,6 +186,10 @@ class Address(NamedTuple):
 
 PortName = Annotated[str, AfterValidator(lambda text: str(Address.read(text)))]
 """The key of a scene that states an address."""
+Baud = Annotated[int, Field(gt=0)]
+"""The key of a scene that states the rate of a serial port [1/s]."""
+BAUD = 115200
+"""Its default. # chosen: that of most boards"""
 
 
 class Port(Protocol):
@@ -239,7 +245,7 @@ def _opened_serial(address: Address, baud: int) -> SerialPort:
             file = opened.enter_context(FileIO(address.where, "r+", opener=_without_waiting))
             if not take(file):
                 raise OSError(errno.EBUSY, "")
-            _set_raw(file, baud)
+            _set_raw(file, address, baud)
             opened.pop_all()
     except termios.error:
         raise DeviceError(f"{address}: is not a serial port; {_known_ports()}") from None
@@ -252,12 +258,14 @@ def _without_waiting(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOCTTY | os.O_NONBLOCK)
 
 
-def _set_raw(file: FileIO, baud: int) -> None:
+def _set_raw(file: FileIO, address: Address, baud: int) -> None:
     """Set a terminal to plain bytes at this rate. Raises DeviceError for a rate that the system does not know."""
     rate = getattr(termios, f"B{baud}", None)
-    if rate is None:
+    if not rate:  # B0 hangs up
         known = sorted(int(name[1:]) for name in vars(termios) if name[:1] == "B" and name[1:].isdigit())
-        raise DeviceError(f"baud = {baud}: the system knows {', '.join(map(str, known[known.index(9600) :]))}")
+        raise DeviceError(
+            f"{address}: baud is {baud}; the system knows {', '.join(map(str, known[known.index(9600) :]))}"
+        )
     settings: list[Any] = termios.tcgetattr(file)
     control = settings[6]
     control[termios.VMIN] = 0
@@ -272,11 +280,10 @@ def _set_raw(file: FileIO, baud: int) -> None:
 def _why_closed(address: Address, error: OSError) -> str:
     """Why a serial port cannot be opened, and what to do."""
     absent = f"there is no such port; {_known_ports()}"
-    taken = "another process has opened it; end this process first"
     forbidden = f"you may not open it; become a member of its group (sudo usermod -aG {_group(address)} $USER) and log "
     forbidden += "in again"
-    told = {errno.EACCES: forbidden, errno.EPERM: forbidden, errno.EBUSY: taken, errno.EAGAIN: taken}
-    told |= dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), absent)
+    told = {errno.EACCES: forbidden, errno.EPERM: forbidden, errno.EBUSY: TAKEN, errno.EAGAIN: TAKEN}
+    told |= dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EISDIR), absent)
     return told.get(error.errno or 0) or error.strerror or str(error)
 
 
@@ -294,17 +301,21 @@ def _known_ports() -> str:
 
 
 class UdpPort:
-    """A UDP socket from an address of this computer to another one: datagrams of others never arrive."""
+    """A UDP socket from an address of this computer to another one: datagrams of others never arrive.
 
-    def __init__(self, here: tuple[str, int], there: tuple[str, int]) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
+    `shared`: other sockets of this kind may have the same address here, each for another one there.
+    """
+
+    def __init__(self, here: tuple[str, int], there: tuple[str, int], shared: bool = False) -> None:
+        with ExitStack() as opened:
+            self._socket = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            if shared and sys.platform == "linux":
+                opened.enter_context(_alone(there))
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._socket.bind(here)
             self._socket.connect(there)
-        except OSError:
-            self.close()
-            raise
-        self._socket.setblocking(False)
+            self._socket.setblocking(False)
+            self._opened = opened.pop_all()
 
     def send(self, frame: bytes, apart: bool = False) -> None:
         """See `Port.send`."""
@@ -328,7 +339,18 @@ class UdpPort:
 
     def close(self) -> None:
         """See `Port.close`."""
-        self._socket.close()
+        self._opened.close()
+
+
+def _alone(there: tuple[str, int]) -> socket.socket:
+    """What one process of this computer can have at a time, until it ends: the name of a board. Raises OSError."""
+    name = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        name.bind(f"\0friction-rig board {there[0]}:{there[1]}")
+    except OSError:
+        name.close()
+        raise OSError(errno.EBUSY, "") from None
+    return name
 
 
 def _opened_udp(address: Address) -> UdpPort:
@@ -339,11 +361,12 @@ def _opened_udp(address: Address) -> UdpPort:
     number = address.number + 1
     try:
         host = socket.gethostbyname(address.where)
-        return UdpPort((_own_address(host), number), (host, address.number))
+        return UdpPort((_own_address(host), number), (host, address.number), shared=True)
     except (socket.gaierror, UnicodeError):
         raise DeviceError(f"{address}: no computer is called {address.where}") from None
     except OSError as error:
         told = {
+            errno.EBUSY: TAKEN,
             errno.EADDRINUSE: f"another process uses the port {number} of this computer, at which the answers arrive",
             errno.EACCES: f"you may not use the port {number} of this computer; choose one above 1023",
         }
@@ -445,7 +468,7 @@ class Line(Link):
               opened     how often the port was opened
     """
 
-    def __init__(self, address: Address, values: str, answers: int, baud: int = 115200) -> None:
+    def __init__(self, address: Address, values: str, answers: int, baud: int = BAUD) -> None:
         super().__init__(address, baud, COUNTED)
         self._width = WIDTHS[values]
         self._answers = answers
@@ -516,7 +539,7 @@ class Line(Link):
             return True
         self.counts["unfit"] += 1
         self.unfit = (
-            f"an answer is of kind {frame.kind:#x} with {len(frame.values)} values of {frame.width} bytes; "
-            f"expected kind {ACT:#x} with {self._answers} of {asked.width} bytes"
+            f"an answer is of kind {frame.kind:#x} with {counted(len(frame.values), 'value')} of {frame.width} bytes; "
+            f"expected kind {ACT:#x} with {self._answers} of {asked.width}: the keys drives and values"
         )
         return False

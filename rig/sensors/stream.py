@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from rig.machine.board import MOST, Address, PortName
+from rig.machine.board import BAUD, MOST, Address, Baud, PortName
 from rig.quantities import PositiveSecond
 from rig.sensors.chain.front_end import FrontEnd
 from rig.sensors.chain.instrument import Instrument
@@ -38,7 +38,7 @@ class Stream(Instrument):
     reads: str = Field(min_length=1)
     port: PortName
     channel: int = Field(default=1, ge=AGE, le=MOST)
-    baud: int = 115200
+    baud: Baud = BAUD
     patience: PositiveSecond = 0.05
 
     @model_validator(mode="after")

@@ -10,6 +10,7 @@ The gap grows along the normal, which points from the master into the slave.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +23,7 @@ from rig.structure.faces import FACING, Surface, facing, meeting, surface, unit
 from rig.structure.full import Array, Doubt, Full, Met, Points
 from rig.structure.mesh import Mesh, Numbers, Selection, tried
 
+_EDGE = 0.01  # of the area met: more beyond the edge of the master is doubted. chosen
 _EVEN = 1e-9  # of a cell: a node on the boundary of two belongs to the lower one, whatever the rounding
 
 
@@ -80,7 +82,7 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
     nodes = len(mesh.ids)
     face_areas = np.linalg.norm(own.outward, axis=1)
     across = unit(own.outward) if toward is None else np.tile(toward, (len(own.corners), 1))
-    met = meeting(own.corners.mean(axis=1), across, other, contact.search, nodes)[0]
+    met, _, _, beside = meeting(own.corners.mean(axis=1), across, other, contact.search, nodes)
     sizes = face_areas * met  # without faces that meet nothing, such as the sides of a pad
     area = np.zeros(nodes)
     inward = np.zeros((nodes, 3))
@@ -104,7 +106,10 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
                 what += f" and lies {miss[closest]:.3g} m beyond the master"
         raise SceneError("", [f"no pair lies within search = {contact.search:g} m: {what}; check sets and normal"])
     lost = at[~met]
-    doubts = _beyond(contact, mesh, own, other, across, face_met, lost, area[lost], inward[lost])
+    doubts = (
+        *_beyond(contact, mesh, own, other, across, face_met, lost, area[lost], inward[lost]),
+        *_over_the_edge(contact, face_areas[face_met], beside[face_met]),
+    )
     slaves = mesh.ids[at[met]]
     masters = mesh.ids[np.unique(weights[met].indices)]
     found = Met(
@@ -117,6 +122,7 @@ def _points(contact: Contact, full: Full, mesh: Mesh, slave: Numbers, master: Nu
         doubts=doubts,
         slaves=frozenset(slaves.tolist()),
         masters=frozenset(masters.tolist()),
+        faces=frozenset(map(tuple, own.nodes[face_met].tolist())) if len(mesh.faces) else frozenset(),
     )
     at = at[met]
     normal = normal[met]
@@ -178,6 +184,17 @@ def _beyond(
         f"them {nearest:.3g} to {farthest:.3g} m away, beyond search = {contact.search:g} m"
     )
     return ((what, f"raise contacts.{contact.name}.search, or leave these nodes out of the slave"),)
+
+
+def _over_the_edge(contact: Contact, areas: Array, beside: Array) -> Iterator[Doubt]:
+    """Yield a doubt if faces of these areas that meet the master lie `beside` it [m], within the search."""
+    over = float(areas[beside > 0.0].sum())
+    if over > _EDGE * areas.sum():
+        yield (
+            f"contacts.{contact.name}: {over:.3g} m^2 of the area met hang over the edge of the master by up to "
+            f"{beside.max():.3g} m, within search = {contact.search:g} m",
+            f"lower contacts.{contact.name}.search, or leave these nodes out of the slave",
+        )
 
 
 def _sliding(contact: Contact, mesh: Mesh, at: Numbers, normal: Array) -> tuple[Array, Array]:

@@ -37,6 +37,7 @@ _RIGID = 1e-12  # w^2 of a rigid mode over the largest of the mesh: what roundin
 _SAME = 1e-6  # relative distance of one eigenvalue found from two shifts
 _NUMBER = 16  # eigenvalues asked for at the first shift
 _MOST = 120  # and at most
+_MODES = 600  # up to a frequency, at most: eight tries with growing numbers find 639 at the most
 _TRIES = 6  # circles in a row that may be incomplete before the search ends [chosen]
 
 
@@ -138,8 +139,10 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
     operator = LinearOperator((rows, rows), matvec=inverse.solve, dtype=float)
     start = np.random.default_rng(0).standard_normal(rows)
     asked = (count or 2 * _NUMBER) + 6
-    for _ in range(8):
+    for attempt in range(8):
         asked = min(asked, rows - 1)
+        if attempt == 1 and not count and rows > _MODES:
+            _refuse_many(below_count(stiffness, mass, up_to**2), up_to)
         try:
             square, shapes = eigsh(stiffness, k=asked, M=mass, sigma=-shift, OPinv=operator, v0=start, tol=0)
         except ArpackError:
@@ -171,6 +174,15 @@ def modes(stiffness: sp.csr_array, mass: sp.csr_array, count: int = 0, up_to: fl
         f"the modes up to {count or f'{up_to / (2 * np.pi):g} Hz'} of {rows} rows could not be computed completely: "
         f"ask for fewer, or use reduction.kind = 'whole' below 300 rows"
     )
+
+
+def _refuse_many(number: int, up_to: float) -> None:
+    """Raise Incomplete if more modes than are computed lie below `up_to` [rad/s]."""
+    if number > _MODES:
+        raise Incomplete(
+            f"{number} modes lie below {up_to / (2 * np.pi):g} Hz; at most {_MODES} are computed: lower "
+            "reduction.modes_up_to, or state their number, reduction.modes"
+        )
 
 
 def below_count(stiffness: sp.csr_array, mass: sp.csr_array, square: float) -> int:

@@ -167,8 +167,10 @@ def meeting(
     sides = np.linalg.norm(edges, axis=2).T
     heights = 2.0 * area[faced][:, None] / sides
     beyond = -(inner * heights).min(axis=1)
-    miss = np.maximum(0.0, beyond)
-    miss = np.where(miss < 1e-9 * heights.max(axis=1), 0.0, miss)
+    outside = np.flatnonzero(beyond >= 1e-9 * heights.max(axis=1))
+    miss = np.zeros(len(face))
+    projected = places[slave[outside]] - gap[outside, None] * normal[slave[outside]]
+    miss[outside] = _from_edges(projected, other.corners[face[outside]])
     reach = np.hypot(gap, miss) / max(search, 1e-12)
     distance = np.round(reach, 9)
     order = np.lexsort((face, distance, slave))
@@ -184,6 +186,15 @@ def meeting(
     rows = np.repeat(slave[kept], weights.shape[1])
     matrix = sp.csr_array((weights.ravel(), (rows, members.ravel())), shape=(len(places), nodes))
     return met, matrix, gaps, misses
+
+
+def _from_edges(places: Array, corners: Array) -> Array:
+    """The distance [place] of each place to the next edge of its triangle, `corners` [place, 3, 3] m."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    from_corner = places[:, None] - corners
+    share = (from_corner * edges).sum(axis=2) / (edges * edges).sum(axis=2)
+    feet = corners + np.clip(share, 0.0, 1.0)[:, :, None] * edges
+    return np.linalg.norm(places[:, None] - feet, axis=2).min(axis=1)  # type: ignore[no-any-return]
 
 
 def facing(places: Array, outward: Array, other: Surface, closed: bool, search: float) -> Array:
@@ -214,6 +225,8 @@ def facing(places: Array, outward: Array, other: Surface, closed: bool, search: 
         if closed:
             hit &= distance > -10.0 * search
             if other.closed:
-                hit &= (ray @ other.outward.T)[:, 0] < 0.0
+                turned_to = (ray @ other.outward.T)[:, 0] < 0.0
+                leaving = np.where(hit & ~turned_to & (distance < 0.0), distance, -np.inf).max(axis=1)
+                hit &= turned_to & (distance > leaving[:, None])  # beyond it a place lies outside of the body
         distances[some] = np.where(hit, abs(distance), np.inf).min(axis=1)
     return distances

@@ -61,9 +61,9 @@ class Met:
 
     `nodes`: of the slave faces along the normal; `pairs`: those that meet a master face within the search. `offered`,
     `met`: their areas [m^2]; `gap`: the largest of a pair [m]. Rows of a file name the nodes and areas that meet, and
-    offer no others (None); on the ground they have no gap (None). `asked`: points
-    that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`, `masters`: numbers of the
-    nodes that take part.
+    offer no others (None); on the ground they have no gap (None), and without places of the nodes it is not known
+    (NaN). `asked`: points that the scene asks for, 0 for one at each node. `doubts`: what may be wrong. `slaves`,
+    `masters`: numbers of the nodes that take part. `faces`: the nodes of each slave face that takes part.
     """
 
     nodes: int
@@ -75,6 +75,7 @@ class Met:
     doubts: tuple[Doubt, ...] = ()
     slaves: frozenset[int] = field(default=frozenset(), repr=False, compare=False)
     masters: frozenset[int] = field(default=frozenset(), repr=False, compare=False)
+    faces: frozenset[tuple[int, ...]] = field(default=frozenset(), repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,12 @@ class Full:
     total: float | None = None
     regions: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def all_doubts(self) -> tuple[Doubt, ...]:
+        """What may be wrong with the structure and with its contacts."""
+        of_contacts = [points.met.doubts for points in self.contacts if points.met is not None]
+        return sum(of_contacts, self.doubts)
 
     @property
     def rows(self) -> int:

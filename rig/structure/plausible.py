@@ -45,11 +45,17 @@ def _shared(contacts: Sequence[Points]) -> Iterator[Doubt]:
         for other, of_other in known[:i]:
             both = f"contacts.{other} and contacts.{name}"
             if common := sorted(met.slaves & of_other.slaves):
-                which = f"share {counted(len(common), 'slave node')}, the first is {common[0]}"
-                yield (
-                    f"{both} {which}: two springs act at the same area",
-                    "give each contact slave nodes of its own, or leave one of the contacts out",
-                )
+                which = f"{both} share {counted(len(common), 'slave node')}, the first is {common[0]}"
+                of_faces = bool(met.faces and of_other.faces)
+                if of_faces and not met.faces & of_other.faces:
+                    yield (
+                        f"{which}: their faces adjoin there; no area has two springs",
+                        "check that both sets are meant",
+                    )
+                else:
+                    springs = f"two springs {'' if of_faces else 'may '}act at the same area"
+                    remedy = "give each contact slave nodes of its own, or leave one of the contacts out"
+                    yield f"{which}: {springs}", remedy
             elif met.slaves & of_other.masters and met.masters & of_other.slaves:
                 node = min(met.slaves & of_other.masters)
                 yield (
@@ -105,24 +111,24 @@ def regions(full: Full, mesh: Mesh) -> dict[str, Numbers]:
 
     A body is named by the set that contains its nodes, otherwise by the largest set in it, or by its first node.
     """
-    if not len(mesh.ids):
+    of_mesh = full.direction >= 0
+    if not of_mesh.any():
         return {}
-    moving = np.unique(full.node[full.direction >= 0])
+    moving = np.unique(full.node[of_mesh])
     sets = {name: np.intersect1d(nodes, moving) for name, nodes in {**mesh.groups, **mesh.sets}.items()}
     coupled: Any = sum(abs(sp.csr_array(part.matrix)) for part in full.parts if part.of != "damping")
     count, body = csgraph.connected_components(coupled, directed=False)
-    of_mesh = np.isin(full.node, mesh.ids)
     rows = np.bincount(body[of_mesh], minlength=count)
     bodies = [int(k) for k in np.argsort(-rows, kind="stable") if rows[k]]
     named: dict[str, Numbers] = {}
-    if len(bodies) > 1:
+    some = {name: nodes for name, nodes in sets.items() if 0 < len(nodes) < _WHOLE * len(moving)}
+    if len(bodies) > 1 or not some:
         for k in bodies[:_MOST]:
             of_body = np.flatnonzero(body == k)
             nodes = np.unique(full.node[of_body][of_mesh[of_body]])
             name = _name(nodes, sets)
             named[name if name not in named else f"body of node {nodes[0]}"] = of_body
         return named
-    some = {name: nodes for name, nodes in sets.items() if 0 < len(nodes) < _WHOLE * len(moving)}
     for name in sorted(some, key=lambda name: -len(some[name]))[:_MOST]:
         inside = np.flatnonzero(np.isin(full.node, some[name]) & (full.direction >= 0))
         named[name] = inside

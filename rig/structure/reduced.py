@@ -171,7 +171,7 @@ def _plain(met: Met | None) -> dict[str, Any] | None:
     """What is stored of the meeting of a contact."""
     if met is None:
         return None
-    return {of.name: getattr(met, of.name) for of in fields(met) if of.name not in ("slaves", "masters")}
+    return {of.name: getattr(met, of.name) for of in fields(met) if of.compare}
 
 
 def _met(stored: Mapping[str, Any] | None) -> Met | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +92,7 @@ class _Lines:
         self._labelled = bool((full.direction >= 0).any())
         lines: list[str] = []
         for number, line in enumerate(tried(lambda: list(lines_of(path)), lines, self.faults), 1):
-            words = [word.strip().lower() for word in line.split(",")]
+            words = [word.strip().lower() for word in re.split("[,;]", line)]
             if any(words) and not (number == 1 and words[0] == "point"):
                 self._read(number, line, words)
         in_order = dict.fromkeys(point for kept in self.values.values() for point, _ in kept)
@@ -106,7 +108,7 @@ class _Lines:
             known = self.values[what]
             row = -1 if what in SIZES else self._row(node, direction)
         except (ValueError, KeyError):
-            expected = "POINT, WHAT, NODE, DIRECTION, VALUE with normal, along, area or radius"
+            expected = "POINT, WHAT, NODE, DIRECTION, VALUE with normal, along, area or radius (these two above 0)"
             self.faults.append(f"{self.name}, line {number}: is {brief(line.strip())}; expected {expected}")
             return
         if what in SIZES and (node or direction):
@@ -252,7 +254,11 @@ def _sides(rows: sp.csr_array, directions: Array, full: Full) -> tuple[Numbers, 
 
 
 def _met(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], area: Array, full: Full) -> Met | None:
-    """How the sides of the `rows` normal and along meet; None without places of the nodes."""
+    """How the sides of the `rows` normal and along meet; None without numbers of the nodes."""
+    placed = len(full.ids) > 0
+    if not placed:
+        ids = np.unique(full.node[full.direction >= 0])
+        full = replace(full, ids=ids, xyz=np.full((len(ids), 3), np.nan))
     directions = _leading(given, "normal", full)
     point, at, weight = _sides(rows["normal"], directions, full)
     if not len(point):
@@ -266,10 +272,14 @@ def _met(given: _Lines, name: str, rows: Mapping[str, sp.csr_array], area: Array
             sides.append(moments / total[:, None])
     gaps = abs(((sides[0] - sides[1]) * directions).sum(axis=1))
     slaves, masters = (frozenset(full.ids[at[side]].tolist()) for side in (weight > 0.0, weight < 0.0))
-    gap = float(np.nanmax(gaps)) if np.isfinite(gaps).any() else None
+    gap = None
+    if masters:
+        gap = float(np.nanmax(gaps)) if placed else math.nan
     whole = float(area.sum())
-    surface, _ = _surface(full)
-    doubts = [*_odd_lengths(given, name, rows, full), *_turned(given, name, directions, (point, at, weight), full)]
+    surface = _surface(full)[0] if placed else 0.0
+    doubts = [*_odd_lengths(given, name, rows, full)]
+    if placed:
+        doubts += _turned(given, name, directions, (point, at, weight), full)
     if whole < DOUBTED * surface:
         what = (
             f"contacts.{name}: its rows give an area of {whole:.3g} m^2; the surface of the mesh is {surface:.3g} m^2"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.printable import counted
 
 if TYPE_CHECKING:  # they import scipy, which every scene would pay for at its start
     from rig.structure.full import Array, Doubt, Met
@@ -25,13 +28,15 @@ class Contact:
     def text(self) -> str:
         """The contact in one line."""
         met = self.met
-        points = f"{self.points} of {met.asked} points" if met.asked else f"{self.points} points"
+        points = f"{self.points} of {met.asked} points" if met.asked else counted(self.points, "point")
         if met.offered is None:
-            pairs = f"{met.nodes} slave nodes; area {met.met:.4g} m^2 as its rows give it"
+            pairs = f"{counted(met.nodes, 'slave node')}; area {met.met:.4g} m^2 as its rows give it"
         else:
             area = f"area met {met.met:.4g} m^2 of {met.offered:.4g} m^2 offered"
             pairs = f"{met.pairs} of {met.nodes} nodes meet; {area}"
-        gap = "on the ground" if met.gap is None else f"largest gap {met.gap:.3g} m"
+        gap = "on the ground"
+        if met.gap is not None:
+            gap = "gap not known without a mesh" if math.isnan(met.gap) else f"largest gap {met.gap:.3g} m"
         return f"{points}; {pairs}; {gap}"
 
 
@@ -54,13 +59,11 @@ class Stated:
         """What is stated of this structure."""
         model = reduced.model
         contacts = {}
-        doubts = list(model.doubts)
         for points in model.contacts:
             if points.met is not None:
                 contacts[points.name] = Contact(len(points.area), points.met)
-                doubts += points.met.doubts
         mass = model.matrix("mass", dict.fromkeys(model.keys, 1.0))
-        return cls(model.total, contacts, tuple(doubts), reduced.masses, mass)
+        return cls(model.total, contacts, model.all_doubts, reduced.masses, mass)
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """What it is of, and the words."""
@@ -78,9 +81,10 @@ class Stated:
         """The statement as JSON values."""
         contacts = {}
         for name, contact in self.contacts.items():
-            met = asdict(contact.met)
-            del met["slaves"], met["masters"]
+            met = {of.name: getattr(contact.met, of.name) for of in fields(contact.met) if of.compare}
             del met["doubts"]
+            if met["gap"] is not None and math.isnan(met["gap"]):
+                met["gap"] = None
             contacts[name] = {"points": contact.points, **met}
         return {"total_mass": self.total, "contacts": contacts, "doubts": [what for what, _ in self.doubts]}
 

@@ -189,6 +189,7 @@ BOARD = {
         ("port", "ttyACM0", 'expected "serial:/dev/ttyACM0" or "udp:HOST:PORT"'),
         ("where", "plant", "a board is asked by a process of its own"),
         ("values", "int16", "float64"),
+        ("baud", "0", "must be greater than 0"),
         ("patience", "1 ms", "not below the period of 1 ms"),
         ("reads", "vibrometer, vibrometer", "names one twice"),
         ("reads", "radar", "unknown sensor"),

@@ -352,6 +352,16 @@ def test_what_hangs_over_the_edge_does_not_touch(tmp_path):
     points = contact_points(contact(), full, mesh)
     assert points.position[:, 0].max() == pytest.approx(1.0)
     assert 0.5 <= points.area.sum() <= 0.625  # half of the pad, and at most what its nodes at the edge share
+    assert points.met.doubts == ()
+
+
+def test_what_meets_the_master_beyond_its_edge_is_doubted(tmp_path):
+    """Half of the pad hangs over the edge. Of a face three triangles of four have their middle within 0.15 m of it."""
+    full, mesh = pad_on_plate(low=(0.5, 0.0), high=(1.5, 1.0), cells=(4, 2)).read(tmp_path)
+    met = contact_points(contact(search=0.15), full, mesh).met
+    [(what, remedy)] = met.doubts  # and none of the back of the pad, although the plate is in reach behind it
+    assert "0.188 m^2 of the area met hang over the edge of the master by up to 0.125 m" in what
+    assert remedy == "lower contacts.pad.search, or leave these nodes out of the slave"
 
 
 def test_a_normal_points_from_the_master_into_the_slave():

@@ -255,6 +255,12 @@ def test_springs_in_series_beside_closed_contacts_are_refused():
         build(structure(2), Reduction(modes=10, residual="spring", at=values()))
 
 
+def test_thousands_of_modes_are_counted_and_refused_at_once():
+    full = structure()
+    with pytest.raises(eigenvalues.Incomplete, match=rf"{full.rows} modes lie below .* at most 600 are computed"):
+        build(full, Reduction(up_to=1e9, at={full.contacts[0].stiffness_key: STIFFNESS}))
+
+
 def test_a_row_without_stiffness_and_mass_is_named():
     full = structure(2)
     empty = sp.csr_array((1, 1))

@@ -2,6 +2,7 @@
 
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from disc_with_pads import disc, paired
 import rig
 from rig import scenes
 from rig.errors import SceneError, UsageError
+from rig.structure import plausible
 from rig.structure.basis import Reduction, build
 from rig.structure.rows import contact_rows
+from rig.structure.stated import Contact
 
 
 @pytest.fixture
@@ -54,6 +57,25 @@ def test_a_file_states_its_nodes_its_area_and_the_gap(tmp_path, nodes):
     ground = lines(*nodes, l3="", l5="")
     path.write_text(ground)
     assert contact_rows("up", path, disc()[0]).met.gap is None
+
+
+def test_a_file_states_its_nodes_and_its_area_without_a_mesh(tmp_path, nodes):
+    path = tmp_path / "rows.csv"
+    path.write_text(lines(*nodes))
+    bare = replace(disc()[0], ids=np.zeros(0, dtype=np.int64), xyz=np.zeros((0, 3)), faces=np.zeros((0, 4), np.int32))
+    contact = Contact(1, contact_rows("up", path, bare).met)
+    assert contact.text == "1 point; 1 slave node; area 0.0001 m^2 as its rows give it; gap not known without a mesh"
+    path.write_text(lines(*nodes, l3="", l5=""))
+    assert contact_rows("up", path, bare).met.gap is None
+    path.write_text(lines(*nodes, l2=f"1,normal,{nodes[0]},z,0.5"))
+    [(what, _)] = contact_rows("up", path, bare).met.doubts
+    assert "line 2: the normal of point 1 has the length 0.5" in what
+
+
+def test_a_file_may_have_semicolons_as_the_other_files_of_a_structure(tmp_path, nodes):
+    path = tmp_path / "rows.csv"
+    path.write_text(lines(*nodes).replace(",", ";"))
+    assert contact_rows("up", path, disc()[0]).area.tolist() == [1e-4]
 
 
 def test_an_area_in_another_unit_is_doubted(tmp_path, nodes):
@@ -177,7 +199,7 @@ def test_a_scene_in_millimetres_is_the_scene_in_metres(tmp_path):
     for one, other in zip(metres.sliding.modes, millimetres.sliding.modes, strict=True):
         assert other.frequency == pytest.approx(one.frequency, rel=1e-9)
     assert millimetres.stated.contacts["pad"].met.met == pytest.approx(1e-4)
-    assert "1 slave nodes; area 0.0001 m^2 as its rows give it; largest gap 0.1 m" in millimetres.text()
+    assert "1 point; 1 slave node; area 0.0001 m^2 as its rows give it; largest gap 0.1 m" in millimetres.text()
     assert millimetres.stated.total == pytest.approx(1.5)
 
 
@@ -196,6 +218,14 @@ def test_more_modes_than_rows_are_refused_at_once(tmp_path):
     assert time.monotonic() - began < 1.0
     with pytest.raises(SceneError, match=r"reduction\.modes is 7 and the matrices have 6 rows"):
         written(tmp_path / "few", "m-kg-s", "modes", 7)
+
+
+def test_a_structure_that_cannot_be_reduced_says_what_may_be_wrong_with_it(tmp_path, monkeypatch):
+    """Wrong units of an elastic modulus put thousands of modes below every frequency."""
+    monkeypatch.setattr(plausible, "_unlike_material", lambda full: iter([("strange stiffness", "look at the units")]))
+    with pytest.raises(SceneError) as refusal:
+        written(tmp_path / "few", "m-kg-s", "modes", 7)
+    assert refusal.value.faults[1] == "strange stiffness; look at the units"
 
 
 def test_the_points_of_the_disc_have_the_areas_that_their_file_gives(tmp_path):

@@ -16,7 +16,7 @@ from rig.structure import plausible
 from rig.structure.basis import Reduction, build
 from rig.structure.contacts import Contact, contact_points
 from rig.structure.full import Full, Part
-from rig.structure.mesh import Selection
+from rig.structure.mesh import NOTHING, Selection
 from rig.structure.reduced import Reduced
 from rig.structure.stated import Stated
 
@@ -98,6 +98,24 @@ def test_contacts_that_share_nodes_are_doubted():
     assert plausible.doubts(replace(full, contacts=(up, down))) == ()
     [(what, _)] = plausible.doubts(replace(full, contacts=(up, down, replace(up, name="again"))))
     assert "contacts.pad_up and contacts.again share 45 slave nodes" in what
+    assert "two springs act at the same area" in what
+
+
+def test_contacts_that_adjoin_have_nodes_but_no_area_in_common():
+    """Both halves of a pad have the nodes of the line between them."""
+    full, mesh = disc()
+    [described, _] = contacts(None)
+    nodes = mesh.sets["PAD_UP"]
+    angle = np.arctan2(*mesh.xyz[mesh.at(nodes)].T[1::-1])
+    middle = np.median(np.unique(angle.round(9)))
+    halves = []
+    for name, chosen in (("left", angle < middle + 1e-6), ("right", angle > middle - 1e-6)):
+        half = replace(described, name=name, slave=Selection(nodes=tuple(nodes[chosen].tolist())))
+        halves.append(contact_points(half, full, mesh))
+    [(what, _)] = plausible.doubts(replace(full, contacts=tuple(halves)))
+    assert "contacts.left and contacts.right share 5 slave nodes" in what
+    assert "their faces adjoin there; no area has two springs" in what
+    assert halves[0].met.met + halves[1].met.met == pytest.approx(PAD)
 
 
 def test_a_contact_the_other_way_round_is_doubted():
@@ -146,11 +164,14 @@ def test_bodies_have_the_names_of_their_sets():
     assert sum(map(len, regions.values())) == full.rows
     bare = plausible.regions(full, replace(mesh, sets={}, groups={}))
     assert list(bare) == [f"body of node {min(body(name))}" for name in regions]
+    assert list(plausible.regions(full, NOTHING)) == list(bare)  # rows have numbers of nodes without a mesh too
     joined = full.parts[0].matrix.tolil()
     first = [int(rows[0]) for rows in regions.values()]
     for i, j in ((0, 1), (1, 2)):
         joined[first[i], first[j]] = joined[first[j], first[i]] = 1.0
     one = replace(full, parts=(replace(full.parts[0], matrix=joined.tocsr()), *full.parts[1:]))
+    [alone] = plausible.regions(one, replace(mesh, sets={}, groups={}))
+    assert alone == f"body of node {min(map(min, map(body, regions)))}"
     of_sets = plausible.regions(one, mesh)
     assert next(iter(of_sets)) == "IRON"
     assert {"LINING", "STEEL"} <= of_sets.keys()

@@ -233,7 +233,7 @@ class Examination:
     """A box of rigs whose parts are examined: no rig may grow by more than `limit` [1/s] in a `band` [Hz], or at all
     outside of it.
 
-    `rigs`: the matrix of a rig u [count] in the unit cube. Raises NoProof, and what `rigs` raises.
+    `rigs`: the matrix of a rig u [count] in the unit cube. Raises NoProof.
     """
 
     def __init__(
@@ -244,11 +244,17 @@ class Examination:
         band: tuple[float, float] = (0.0, math.inf),
     ) -> None:
         self._rigs = rigs
-        self._polynomial = Polynomial(lambda u: rigs(u).A, count)
+        self._polynomial = Polynomial(self._matrix, count)
         middle = np.full(count, 0.5)
         like = rigs(middle)._replace(A=self._polynomial(middle))
         self._region = Region.of(like, limit, band)
         self._edge = self._region.edge(math.inf if like.period else _BEYOND * self._polynomial.bound)
+
+    def _matrix(self, u: Array) -> Array:
+        rig = self._rigs(u)
+        if rig.why:
+            raise NoProof(f"a rig of the box has no growth: {rig.why}")
+        return rig.A
 
     def examined(self, low: Array, high: Array) -> Arrays:
         """Examine the part of the box between two corners [count].

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.robust.box import Limit
-from rig.analysis.robust.growth import Growth, NoSliding, Piece
+from rig.analysis.robust.growth import Growth, Piece
 
 Array = NDArray[np.float64]
 PENALTY = 1e3  # 1/s of what is beyond a limit, and times the growth outside of the band
@@ -56,7 +56,7 @@ def polish(growth: Growth, x: Array, U: Array, limits: Sequence[Limit]) -> tuple
     region = _REGION
     pieces: list[Piece] = []
     for _ in range(_ROUNDS if len(x) and math.isfinite(value) else 0):
-        pieces = pieces or [piece for u in U for piece in growth.known_pieces(x, u)]
+        pieces = pieces or [piece for u in U for piece in growth.pieces(x, u)]
         step, foretold = _program(x, pieces, limits, region)
         new = np.clip(x + step, 0.0, 1.0)
         hoped = value - foretold
@@ -120,9 +120,8 @@ def _ascent(growth: Growth, x: Array, u: Array, low: Array, high: Array) -> Arra
     from scipy.optimize import minimize
 
     def falling(at: Array) -> tuple[float, Array]:
-        try:
-            pieces = growth.pieces(x, np.clip(at, low, high), of_rig=True, kept=1)
-        except NoSliding:
+        pieces = growth.pieces(x, np.clip(at, low, high), of_rig=True, kept=1)
+        if not pieces:  # its growth is infinite
             return _NOTHING, np.zeros_like(at)
         counting = [piece for piece in pieces if piece.inside or piece.rate.real > 0.0]
         if not counting:

@@ -4,7 +4,7 @@
     loop.growth    all controllers closed, as `rig.analysis.linear.all_loops` computes it
 
 What counts is the largest growth rate of the modes in the band; modes outside of it count where they grow. A rig
-without steady sliding, and one that the scene refuses, has the growth infinity.
+without steady sliding, and one that the scene refuses, has the growth infinity: its matrix is empty and says why.
 
 A design is what everybody knows: controllers are designed for the scene with its values. What the box changes is an
 error of the rig: controllers keep what they believe, even of a speed, a load and a delay, unless the scene says that
@@ -20,7 +20,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from rig.analysis.linear.modes import at_rest, dithers, missing, under_dither
 from rig.analysis.robust.box import Box
 from rig.design import numbers
 from rig.design.linearised import linear
-from rig.errors import RigError, SceneError, Singular
+from rig.errors import SceneError, Singular
 from rig.model.assembly import Assembly
 from rig.scenes.belief import varied
 from rig.scenes.rooms import assembled
@@ -46,12 +47,9 @@ LOOP = "loop.growth"
 KEPT = 6
 """Most eigenvalues of the band that a search follows at each rig."""
 _OUTSIDE = 2  # and of those outside of it
+_NONE = np.zeros((0, 0))  # the matrix of a rig without a growth
 _STEP = 1e-6  # of the unit cube: forward differences of a matrix
 _DESIGNS = 64  # whose controllers are kept: the gradient of a design needs one for each free value
-
-
-class NoSliding(RigError):
-    """A rig that has no eigenvalues, for the reason in words."""
 
 
 def hertz(rates: Complex) -> Array:
@@ -61,12 +59,13 @@ def hertz(rates: Complex) -> Array:
 
 class Matrix(NamedTuple):
     """The matrix of a rig, [n, n]: continuous in time (`period` 0), or of one period [s]. Eigenvalues count up to the
-    frequency `up_to` [Hz].
+    frequency `up_to` [Hz]. `why`: the reason in words, if the rig has none.
     """
 
     A: Array
     period: float = 0.0
     up_to: float = math.inf
+    why: str = ""
 
     @property
     def values(self) -> Complex:
@@ -113,7 +112,7 @@ class Growth:
         self._moved = dict.fromkeys(inputs, "held") if self.closed else scene.moved
         self._dithered = bool(dithers(scene, ""))
         self._mode_set: int | None = None
-        self._numbers: dict[Any, dict[str, Any]] = {}
+        self._numbers = lru_cache(_DESIGNS)(lambda design: numbers(self.designed(dict(design))))
 
     def rig(self, design: Mapping[str, float], values: Mapping[str, float]) -> Scene:
         """The scene of a rig: with a `design`, and with `values` (SI) that its controllers do not know of.
@@ -130,21 +129,22 @@ class Growth:
         return replace(self.scene, believed=believed).with_values(design)
 
     def matrix(self, x: Array, u: Array) -> Matrix:
-        """The matrix of design x [free] and rig u [uncertain]. Raises NoSliding."""
+        """The matrix of design x [free] and rig u [uncertain]."""
         design = self.box.design(x)
         return self.matrix_of(design, self.box.rig(design, u))
 
     def matrix_of(self, design: Mapping[str, float], values: Mapping[str, float]) -> Matrix:
-        """The same for values (SI) by key. Raises NoSliding."""
+        """The same for values (SI) by key."""
         self.count += 1
         try:
             return self._closed(design, values) if self.closed else self._alone({**design, **values})
         except SceneError as fault:
-            raise NoSliding("; ".join(fault.faults)) from None
+            why = "; ".join(fault.faults)
         except Singular as fault:
-            raise NoSliding(fault.why) from None
+            why = fault.why
         except (ArithmeticError, np.linalg.LinAlgError) as fault:
-            raise NoSliding(f"its equations are singular: {fault}") from None
+            why = f"its equations are singular: {fault}"
+        return Matrix(_NONE, why=why)
 
     def _alone(self, values: Mapping[str, float]) -> Matrix:
         scene = self.scene.with_values(values)
@@ -155,7 +155,7 @@ class Growth:
             assembly, at = self._steady(scene)
             up_to = assembly.up_to
         if not at.counts:
-            raise NoSliding(missing(at))
+            return Matrix(_NONE, why=missing(at))
         return Matrix(at.A[np.ix_(at.moving, at.moving)], up_to=up_to)
 
     def _steady(self, scene: Scene) -> tuple[Assembly, Steady]:
@@ -168,25 +168,17 @@ class Growth:
 
     def _closed(self, design: Mapping[str, float], values: Mapping[str, float]) -> Matrix:
         scene = self.rig(design, values)
-        told = scene if scene.redesign else self.designed(design)
-        key = tuple(sorted({**design, **values}.items() if scene.redesign else design.items()))
-        if key not in self._numbers:
-            if len(self._numbers) >= _DESIGNS:
-                self._numbers.clear()
-            self._numbers[key] = numbers(told)
+        told = numbers(scene) if scene.redesign else self._numbers(tuple(design.items()))
         assembly, at = self._steady(scene)
         if not at.exists:
-            raise NoSliding(missing(at))
-        loops = closed_plant(scene, linear(assembly, at), self._numbers[key])
+            return Matrix(_NONE, why=missing(at))
+        loops = closed_plant(scene, linear(assembly, at), told)
         return Matrix(loops.matrix, loops.period)
 
     def value(self, x: Array, u: Array) -> tuple[float, float]:
         """The growth [1/s] that counts, and the frequency [Hz] of its mode."""
-        try:
-            matrix = self.matrix(x, u)
-        except NoSliding:
-            return math.inf, math.nan
-        return self.of_rates(matrix.spectrum, matrix.up_to)
+        matrix = self.matrix(x, u)
+        return (math.inf, math.nan) if matrix.why else self.of_rates(matrix.spectrum, matrix.up_to)
 
     def of_rates(self, rates: Complex, up_to: float = math.inf) -> tuple[float, float]:
         """The growth that counts of `rates`, and its frequency; -infinity without a mode in the band."""
@@ -208,12 +200,16 @@ class Growth:
     def pieces(self, x: Array, u: Array, of_rig: bool = False, kept: int = KEPT) -> list[Piece]:
         """The eigenvalues of a rig that may count: the largest in the band, and the two largest outside of it.
 
+        A rig without a growth has none.
+
         Their gradients are over the design x, or with `of_rig` over the rig u: y^H dA r / y^H r with the left and right
-        eigenvectors y and r and forward differences of the matrix. Raises NoSliding.
+        eigenvectors y and r and forward differences of the matrix.
         """
         from scipy.linalg import eig
 
         matrix = self.matrix(x, u)
+        if matrix.why:
+            return []
         values, left, right = eig(matrix.A, left=True, right=True)
         rates = matrix.rates(values.astype(np.complex128))
         tones = hertz(rates)
@@ -230,22 +226,12 @@ class Growth:
             out.append(Piece(complex(rates[i]), slope, bool(inside[i])))
         return out
 
-    def known_pieces(self, x: Array, u: Array, of_rig: bool = False, kept: int = KEPT) -> list[Piece]:
-        """The same; none of a rig without a growth."""
-        try:
-            return self.pieces(x, u, of_rig, kept)
-        except NoSliding:
-            return []
-
     def _change(self, A: Array, x: Array, u: Array, i: int, of_rig: bool) -> Array:
         """The change of A over coordinate i of the rig or of the design; zero where A has another size beside."""
         beside = (u if of_rig else x).copy()
         at = beside[i]
         beside[i] += _STEP if at < 0.5 else -_STEP
-        other = A
-        try:
-            if not (of_rig and self.box.uncertain[i].step):
-                other = self.matrix(*((x, beside) if of_rig else (beside, u))).A
-        except NoSliding:
-            pass
+        if of_rig and self.box.uncertain[i].step:
+            return np.zeros_like(A)
+        other = self.matrix(*((x, beside) if of_rig else (beside, u))).A
         return (other - A) / (beside[i] - at) if other.shape == A.shape else np.zeros_like(A)

@@ -32,7 +32,7 @@ from rig.analysis.cycles.cycle import Rest
 from rig.analysis.linear.modes import at_rest
 from rig.analysis.pool import Arrays, packed
 from rig.analysis.robust.envelope import Mode, of_rates
-from rig.analysis.robust.growth import Growth, NoSliding
+from rig.analysis.robust.growth import Growth
 from rig.analysis.robust.search import SCENE, Findings
 from rig.bench.run.simulate import begun, carry_on
 from rig.controllers import restored
@@ -124,14 +124,10 @@ def cases(growth: Growth, found: Findings) -> Iterator[Case]:
         own = box.design(entry.x)
         for rig, u in (("nominal", box.centre), ("worst", entry.worst.u[0])):
             values = box.rig(own, u)
-            try:
-                matrix = growth.matrix(entry.x, u)
-            except NoSliding:
-                continue
-            rate, hertz = growth.of_rates(matrix.spectrum, matrix.up_to)
+            rate, hertz = growth.value(entry.x, u)
             if math.isfinite(rate):
                 scene = growth.rig(own, values) if growth.closed else growth.designed(own).with_values(values)
-                mode = of_rates(matrix.spectrum, rate, hertz)
+                mode = of_rates(growth.matrix(entry.x, u).spectrum, rate, hertz)
                 name = entry.name if box.free else SCENE
                 yield Case(name, rig, at_sliding(_alone(scene, growth.closed)), {**own, **values}, mode)
 
@@ -386,10 +382,7 @@ def _loses(growth: Growth, case: Case, key: str) -> Iterator[float]:
     """Yield the value (SI) of a key nearest to that of a case at which sliding is not stable, if one is near."""
     steps = [side * k * _STEP for k in range(1, _AWAY + 1) for side in _SIDES]
     for value in (case.values[key] * (1.0 + step) for step in steps):
-        try:
-            spectrum = growth.matrix_of({}, {**case.values, key: value}).spectrum
-        except NoSliding:
-            continue
-        if max(spectrum.real) > 0.0:
+        spectrum = growth.matrix_of({}, {**case.values, key: value}).spectrum
+        if spectrum.real.max(initial=0.0) > 0.0:
             yield value
             return

@@ -19,7 +19,7 @@ import numpy as np
 from rig.analysis.identification.written import base_of, stated, text_of
 from rig.analysis.robust import in_time
 from rig.analysis.robust.box import values_text
-from rig.analysis.robust.growth import LOOP, NoSliding
+from rig.analysis.robust.growth import LOOP
 from rig.analysis.robust.in_time import Timed
 from rig.analysis.robust.search import NOMINAL, PROVED, ROBUST, SCENE, Certificate, Entry, Findings
 from rig.analysis.robust.stated import Job
@@ -37,6 +37,7 @@ _SURE = math.log(1000.0)  # over the number of random rigs: the share that can b
 _DIGITS = ".10g"  # of designed values: the worst rig is steep in them
 _GROWTH = Column("growth", "1/s", ".6g")
 _AT = Column("at", "Hz", ".5g")
+NOTHING_DESIGNED = "no scene is written: no value is free, so that nothing is designed; free one with --over"
 DESIGNED = "designed"
 """Origin of a value that a design has found."""
 
@@ -141,12 +142,8 @@ class RobustResult(Result):
     def _fault(self) -> str:
         """Why the worst rig has no growth, and which it is."""
         u = self.found.design.worst.u[0]
-        at = values_text(self.rig(u))
-        try:
-            self.job.grown().matrix(self.found.design.x, u)
-        except NoSliding as fault:
-            return f"{fault} ({at}); make the range smaller"
-        return at
+        why = self.job.grown().matrix(self.found.design.x, u).why
+        return f"{why} ({values_text(self.rig(u))}); make the range smaller"
 
     def _from_edge(self, hertz: float) -> str:
         """How far a frequency is from the nearest edge of the band, in words."""
@@ -367,7 +364,7 @@ def write(result: RobustResult, out: Path, based_on: str) -> Path:
     Raises UsageError if nothing is designed, OutputError if the file cannot be written.
     """
     if not result.job.box.free:
-        raise UsageError(f"{out} is not written: no value is free, so that nothing is designed")
+        raise UsageError(f"{out}: {NOTHING_DESIGNED}")
     write_file(out, scene_text(result, base_of(based_on, out)).encode())
     return out
 

@@ -24,7 +24,7 @@ from rig.analysis.pool import Arrays, Progress, Store, asking
 from rig.analysis.robust.box import values_text
 from rig.analysis.robust.certificate import Region as Forbidden
 from rig.analysis.robust.design import Designed, audited, nominal_optimum, region_of, robust, tolerance
-from rig.analysis.robust.growth import Growth, NoSliding, Piece, hertz
+from rig.analysis.robust.growth import Growth, Piece, hertz
 from rig.analysis.robust.series import rounded
 from rig.analysis.robust.stated import Job
 from rig.analysis.robust.tasks import Found, Region, Tasks, ascended, whole, worst
@@ -187,12 +187,12 @@ def _own(job: Job) -> Array | None:
 
 def _check_rig(job: Job, growth: Growth, x: Array) -> None:
     """Raise SceneError if the nominal rig of a design has no growth, UsageError if it has no mode in the band."""
-    try:
-        rates = growth.matrix(x, growth.box.centre).spectrum
-    except NoSliding as fault:
+    nominal = growth.matrix(x, growth.box.centre)
+    if nominal.why:
         design = job.box.design(x)
         at = values_text({**design, **job.box.rig(design, job.box.centre)})
-        raise SceneError(job.scene.name, [f"the nominal rig ({at}) has no growth: {fault}"]) from None
+        raise SceneError(job.scene.name, [f"the nominal rig ({at}) has no growth: {nominal.why}"])
+    rates = nominal.spectrum
     tones = hertz(rates[np.isfinite(rates.real)])
     if growth.inside(tones).any():
         return
@@ -207,13 +207,9 @@ def _check_rig(job: Job, growth: Growth, x: Array) -> None:
 
 def _entry(tasks: Tasks, name: str, x: Array, bad: Found) -> Entry:
     growth = tasks.growth
-    rates = []
-    for u in (growth.box.centre, *bad.u[:_DRAWN]):
-        try:
-            every = growth.matrix(x, u).spectrum
-        except NoSliding:
-            continue
-        rates.append(every[np.lexsort((-every.imag, -every.real))])
+    rigs = [growth.matrix(x, u) for u in (growth.box.centre, *bad.u[:_DRAWN])]
+    rates = [rig.spectrum for rig in rigs if not rig.why]
+    rates = [every[np.lexsort((-every.imag, -every.real))] for every in rates]
     return Entry(name, x, growth.value(x, growth.box.centre), bad, tuple(rates))
 
 
@@ -256,7 +252,7 @@ def _idle(growth: Growth, design: Designed) -> tuple[str, ...]:
 def _pieces(growth: Growth, design: Designed, of_rig: bool) -> list[list[Piece]]:
     """The eigenvalues that may count at each rig of the set, and at the worst one."""
     rigs = np.unique(np.vstack([design.rigs, design.worst.u[0]]), axis=0)
-    return [pieces for u in rigs if (pieces := growth.known_pieces(design.x, u, of_rig))]
+    return [pieces for u in rigs if (pieces := growth.pieces(design.x, u, of_rig))]
 
 
 def _stuck(growth: Growth, design: Designed) -> float:
@@ -319,11 +315,8 @@ def proved(
     x = found.design.x
     growth = job.grown()
     for u in found.design.worst.u:
-        try:
-            rig = growth.matrix(x, u)
-        except NoSliding:
-            continue
-        if Forbidden.of(rig, job.target, growth.band).holds(rig.values):
+        rig = growth.matrix(x, u)
+        if not rig.why and Forbidden.of(rig, job.target, growth.band).holds(rig.values):
             return Certificate(REFUTED, job.target, u)
     ends = []
     for value, low, high in zip(job.box.uncertain, *found.region):

@@ -19,6 +19,7 @@ from rig.analysis.robust.design import Designed
 from rig.analysis.robust.tasks import Region, Tasks, worst
 from rig.errors import UsageError
 from rig.scenes.axis import Axis
+from rig.units import brief
 
 Array = NDArray[np.float64]
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
@@ -64,7 +65,7 @@ def checked(series: str | None, box: Box, tolerance: bool) -> str:
         return ""
     name = str(series).upper()
     if name not in SERIES:
-        raise UsageError(f"series {series}: expected {', '.join(SERIES)}")
+        raise UsageError(f"series {brief(series)}: expected {', '.join(SERIES)}")
     components = [axis for axis in box.free if axis.unit in COMPONENTS]
     if not components:
         raise UsageError(

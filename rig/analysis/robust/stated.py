@@ -23,7 +23,7 @@ from annotated_types import Ge
 
 from rig.analysis.pool import Work, digest
 from rig.analysis.robust.box import Box, Limit, Uncertain, ends_of
-from rig.analysis.robust.design import AUDIT, FIRST
+from rig.analysis.robust.design import AUDIT
 from rig.analysis.robust.growth import LOOP, MODES, Growth
 from rig.analysis.robust.series import checked
 from rig.analysis.robust.tasks import CHUNK, Computer
@@ -46,7 +46,8 @@ TOLERANCE = "tolerance"
 _MEASURES = f"{MODES} or {LOOP} to minimise, or {TOLERANCE} or {TOLERANCE}.KEY to maximise"
 _BANDS = 'expected two frequencies, "2 kHz:5 kHz"'
 _ROUND = 20  # units of work in a round of a search, about,
-_ROUNDS = 6  # and rounds
+_ROUNDS = 12  # rounds of a design,
+_SEARCHES = 6  # and searches for a tolerance
 _SYMMETRIC = re.compile(r"\s*(?:\+-|\+/-|±)\s*(?P<size>[^:]+?)\s*")
 _FORM = 'expected "+-2 %", "-1 %:3 %", "18 N:22 N" or "normal(20 N, 1 N)"'
 # Units of what a designer of the rig chooses: stiffness, damping, mass, inertia, angle, position, size
@@ -100,8 +101,9 @@ class Job:
     @property
     def expected(self) -> int:
         """Number of units of work that the search takes, about."""
-        searches = 1 if self.tolerance is None else 6
-        return 2 * AUDIT // CHUNK + searches * (2 * FIRST + _ROUND * _ROUNDS)
+        rounds = _ROUNDS if self.box.free else 1
+        searches = 1 if self.tolerance is None else _SEARCHES
+        return 2 * AUDIT // CHUNK + searches * rounds * _ROUND
 
     @property
     def work(self) -> Work:
@@ -308,7 +310,7 @@ def _uncertain(scene: Scene, key: str, known: Mapping[str, str], given: Any, ove
     try:
         return _about(scene, key, known[key], _range(given, key, known[key], step), key in over, step)
     except (ValueError, UsageError) as fault:
-        raise UsageError(f"against {key}: {fault}") from None
+        raise UsageError(f"against {key} = {given if isinstance(given, str) else brief(given)}: {fault}") from None
 
 
 def _about(scene: Scene, key: str, unit: str, given: _Range, free: bool, step: float) -> Uncertain:

@@ -23,7 +23,7 @@ from rig.analysis.pool import Arrays, Ask
 from rig.analysis.robust.box import Limit
 from rig.analysis.robust.certificate import Examination, NoProof
 from rig.analysis.robust.descent import ascend, polish
-from rig.analysis.robust.growth import Growth, NoSliding
+from rig.analysis.robust.growth import Growth
 
 Array = NDArray[np.float64]
 _GROWTHS, _ASCENT, _POLISH, _EXAMINE = range(4)
@@ -152,8 +152,6 @@ class Computer:
                     lambda u: growth.matrix(x, low + (high - low) * u), len(low), self._target, growth.band
                 )
             return self._examined[key].examined(first, last)
-        except NoSliding as fault:
-            return {"why": np.array(f"a rig of the box has no growth: {fault}")}
         except NoProof as fault:
             return {"why": np.array(str(fault))}
 
@@ -186,7 +184,7 @@ def _levels(growth: Growth, x: Array, region: Region) -> Array:
     if len(low) <= _ALL:
         return np.array([*itertools.product(*each)]).reshape(-1, len(low))
     corners = np.array([*itertools.product(*zip(low, high))])
-    pieces = growth.known_pieces(x, middle, of_rig=True, kept=1)
+    pieces = growth.pieces(x, middle, of_rig=True, kept=1)
     influence = np.max([np.abs(piece.slope) for piece in pieces], axis=0) if pieces else np.ones(len(low))
     first = np.argsort(-influence * (high - low), kind="stable")[:_ALL]
     grid = np.array([*itertools.product(*(each[i] for i in first))])

@@ -195,11 +195,13 @@ class Identified:
             raise UsageError(f"{text.strip()}: expected {IDENTIFIED}(FILE), the covariance that rig identify wrote")
         try:
             content = Path(file).read_text("utf-8")
-            known = [row["key"] for row in json.loads(content)["parameters"]]
         except OSError as fault:
             raise UsageError(f"{file}: cannot be read: {fault.strerror}") from None
-        except (ValueError, KeyError, TypeError):
-            raise UsageError(f"{file}: is no covariance of rig identify (NAME.covariance.json)") from None
+        except UnicodeDecodeError:
+            content = ""
+        known = _identified(content)
+        if not known:
+            raise UsageError(f"{file}: is no covariance of rig identify (NAME.covariance.json)")
         if key not in known:
             raise UsageError(f"{file} has no {key}; {near(key, known, 'it has ' + ', '.join(known))}")
         return cls(file, key, content)
@@ -229,6 +231,22 @@ class Identified:
             for row, column in zip(rows, z.T)
         ]
         return np.column_stack([np.clip(v, row["from"], row["to"]) for v, row in zip(values, rows)])
+
+
+def _identified(content: str) -> list[str]:
+    """The keys of a covariance that rig identify has written; none of anything else."""
+    try:
+        stored = json.loads(content)
+        rows = stored["parameters"]
+        numbers = [[float(row[name]) for name in ("value", "size", "from", "to")] for row in rows]
+        known = [str(row["key"]) for row in rows if isinstance(row["unit"], str) and isinstance(row["log"], bool)]
+        C = np.array(stored["covariance"], dtype=np.float64)
+        np.linalg.cholesky(C)
+    except (ValueError, KeyError, TypeError, np.linalg.LinAlgError):
+        return []
+    positive = all(value > 0.0 for (value, *_), row in zip(numbers, rows) if row["log"])
+    whole = positive and not np.isnan(numbers).any() and np.isfinite(C).all()
+    return known if whole and C.shape == (len(rows), len(rows)) == (len(known), len(known)) else []
 
 
 def drawn(given: Sequence[Distribution | Identified], units: Sequence[str], shares: Array) -> Array:

@@ -25,6 +25,7 @@ from rig.plants.structures.structure_tables import Contact, Line, Place, Tables,
 from rig.structure import basis, model_store, plausible, read
 from rig.structure.contacts import Contact as MeshContact
 from rig.structure.contacts import contact_points
+from rig.structure.eigenvalues import Incomplete
 from rig.structure.full import FRICTION, Full, Points
 from rig.structure.mesh import Mesh, Selection, tried
 from rig.structure.read import Source
@@ -131,10 +132,7 @@ def values_of(p: Tables) -> dict[str, float]:
 
 def reduced(p: Tables) -> Reduced:
     """The reduced structure: from the recording, the store, or built. Raises SceneError with every fault."""
-    try:
-        return _reduced(Given(p))
-    except UsageError as fault:
-        raise SceneError("reduction", str(fault).splitlines()) from None
+    return _reduced(Given(p))
 
 
 def basis_in_run(p: Tables, begun: Tables) -> Mapping[str, float] | None:
@@ -191,7 +189,17 @@ def _reduced(given: Given) -> Reduced:
     contents = [_hash(*file) for file in given.files]
     tables = hashlib.sha256(repr((given.tables, given.reduction)).encode()).hexdigest()[:32]
     key = f"{tables} {' '.join(contents)}"
-    return basis.stored(key, lambda: full(p)[0], given.reduction, f"structure {tables}", _Told(given.reduction))
+    read: list[Full] = []
+
+    def whole() -> Full:
+        read.append(full(p)[0])
+        return read[0]
+
+    try:
+        return basis.stored(key, whole, given.reduction, f"structure {tables}", _Told(given.reduction))
+    except (UsageError, Incomplete) as fault:
+        doubts = [f"{what}; {remedy}" for of in read for what, remedy in of.all_doubts]
+        raise SceneError("reduction", [*str(fault).splitlines(), *doubts]) from None
 
 
 def _reduction(p: Tables) -> basis.Reduction:

@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -30,8 +31,8 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.machine import files
+from rig.record.imports.columns import Column, MeasurementFile
 from rig.record.imports.instrument_units import UnitFault, is_time, meaning
-from rig.record.imports.measurement_file import Column, MeasurementFile
 from rig.record.run_data import Reals
 from rig.scenes.faults import near
 from rig.units import brief, parted
@@ -204,6 +205,15 @@ def _proposed_unit(stated: str) -> str:
     return "?" if not stated or stated_fault(stated) else stated
 
 
+def _is_usable(unit: str) -> bool:
+    """Whether a unit, or one of its two meanings, is that of a quantity of a bench."""
+    try:
+        meaning(unit)
+    except UnitFault as fault:
+        return any(_is_usable(way) for way, _ in fault.ways)
+    return True
+
+
 def stated_fault(unit: str) -> str:
     """Why a unit that a file states cannot be taken as it is, in words; "" if it can."""
     try:
@@ -245,7 +255,7 @@ def _channel(column: Column, text: str, where: str) -> Channel:
     unit, per = _parted_scale(unit, column.unit) if number else (unit, "")
     if number and not per and (inverse := _inverse(scale, unit, column.unit)):
         way = ", ".join(filter(None, (f"{column.name} = {name}", inverse, offset)))
-        raise UsageError(f'{told}: a scale is what one unit of the column is, not its inverse; write "{way}"')
+        raise UsageError(f'{told}: a scale is what one unit of the column is, not the inverse; write "{way}"')
     ratio = _ratio(column.unit, per) if number else None
 
     def mapped(way: str) -> str:
@@ -293,13 +303,10 @@ def _inverse(scale: float, unit: str, stated: str) -> str:
 
 
 def _is_only_inverse(unit: str, signal: str) -> bool:
-    """Whether a unit per which a sensor gives a voltage or a current, mV/Pa, is no unit of a bench itself."""
-    try:
-        if meaning(signal).unit not in ("V", "A"):
-            return False
-        meaning(unit)
-    except UnitFault as fault:
-        return all(stated_fault(way) for way, _ in fault.ways)
+    """Whether a unit is a voltage or a current per quantity, mV/Pa, and no quantity of a bench itself."""
+    with suppress(UnitFault):
+        if meaning(signal).unit in ("V", "A"):
+            return not _is_usable(unit)
     return False
 
 

@@ -40,10 +40,29 @@ def join_parts(parts: Sequence[Part], join: str) -> None:
     else:
         for part, samples in zip(parts[1:], whole[1:]):
             part.shift = _lag(whole[0], samples, f"--join {join}: {part.file.path}")
-    kept = {channel.name for channel in parts[0].channels}
+    _refuse_doubles(parts, name)
     for part in parts[1:]:  # the channel that they have in common is one channel
-        part.channels = [channel for channel in part.channels if channel.name not in kept]
-        kept |= {channel.name for channel in part.channels}
+        part.channels = [channel for channel in part.channels if name not in (channel.name, channel.column)]
+
+
+def _refuse_doubles(parts: Sequence[Part], common: str) -> None:
+    """Raise UsageError for files with a channel of the same name, and for files with the one in `common` only."""
+    faults = list[str]()
+    taken = dict[str, str]()
+    for part in parts:
+        own = [channel.name for channel in part.channels if common not in (channel.name, channel.column)]
+        where = str(part.file.path)
+        if not own and part is not parts[0]:
+            faults.append(f"{where}: it has no channel beside {common}, which the first file has too; leave it out")
+        faults += [
+            f"{where}: {taken[name]} has a channel {name} too; rename its column in one of the files, or leave it out "
+            "of the map"
+            for name in own
+            if name in taken
+        ]
+        taken |= dict.fromkeys(own, part.file.path.name)
+    if faults:
+        raise UsageError("\n".join(faults))
 
 
 def _samples(part: Part, name: str, where: str) -> tuple[Reals, Reals, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.imports.channel_map import Channel
-from rig.record.imports.measurement_file import MeasurementFile
+from rig.record.imports.columns import MeasurementFile
 from rig.record.imports.row_faults import CLOSE, FALLS, INFINITE, NO_TIME, NO_VALUE, REPEATS, RowFaults
 from rig.record.imports.text_table import BLOCK
 from rig.record.imports.time_base import TimeBase, rounding

@@ -22,10 +22,11 @@ from rig.bus import encode, run_setup
 from rig.errors import OutputError, UsageError
 from rig.printable import counted
 from rig.record.imports.channel_map import Channel, ChannelMap, proposed, stated_fault
+from rig.record.imports.columns import MeasurementFile
 from rig.record.imports.common_time import join_parts
 from rig.record.imports.file_part import FARTHEST, Part
 from rig.record.imports.instrument_units import is_time, meaning
-from rig.record.imports.measurement_file import MeasurementFile, opened
+from rig.record.imports.measurement_file import opened
 from rig.record.imports.time_base import TimeBase, rounding
 from rig.record.provenance import package_version
 from rig.record.run_data import Integers

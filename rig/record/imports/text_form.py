@@ -43,6 +43,7 @@ _GROUPED = {
 }
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 _UNIT_LINE = re.compile(r"[\[(].*[\])]|[-%°µμΩ²³⁻¹\"\w^/*·. ]{1,16}|")
+_KEY = re.compile(r"[a-z] [a-z]|unit", re.IGNORECASE)
 _NAMES = ("t", "T", "F", "d", "h", "l", "L", "H", "1")  # of quantities and channels more often than of units
 _IN_BRACKETS = re.compile(r".*\S\s*[\[(]([^\])]*)[\])]\s*")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[(])")
@@ -174,6 +175,11 @@ class Form:
             stamped,
             left_out,
         )
+
+    def has_decimals_alone(self, lines: Sequence[str]) -> bool:
+        """Whether every second column has digits as decimals have (0,001,1,500): one length, some with a zero first."""
+        columns = self._columns(lines)[1::2]
+        return self.width % 2 == 0 and all(map(_are_decimals, columns))
 
     def unnamed(self, lines: Sequence[str]) -> tuple[int, int]:
         """Number and cells of the last line above the rows, if its words are not the names of columns; else 0, 0."""
@@ -355,6 +361,12 @@ class Form:
         return len(cells) == self.width and True in filled and self._is_value(cells[filled.index(True)])
 
 
+def _are_decimals(column: Sequence[str]) -> bool:
+    """Whether the cells of a column are digits of one length, some of them with a zero first."""
+    whole = all(map(str.isdigit, column)) and len(set(map(len, column))) == 1
+    return whole and len(column[0]) > 1 and any(cell.startswith("0") for cell in column)
+
+
 def _filled(cells: Sequence[str]) -> int:
     """How many cells are not empty."""
     return sum(map(bool, cells))
@@ -372,7 +384,11 @@ def _have_units(cells: Sequence[str]) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a line below the names has their units: short, and at least half of them are known."""
+    """Whether a line below the names has their units: short, and at least half of them are known.
+
+    Two words, "Vertical Units", are no unit that is unknown.
+    """
     stated = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
     known = [cell for cell in stated if is_unit(cell) and cell not in _NAMES]
-    return bool(stated) and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * len(known) >= len(stated)
+    words = [cell for cell in stated if _KEY.search(cell) and not is_unit(cell)]
+    return bool(stated) and not words and all(map(_UNIT_LINE.fullmatch, cells)) and 2 * len(known) >= len(stated)

@@ -108,8 +108,7 @@ class TextTable:
                 f"numbers with one separator of {', '.join(map(repr, SEPARATORS))}"
             )
         text_headers.refuse_segments(path, lines[: form.skip])
-        unnamed = form.unnamed(lines)
-        _refuse_commas(path, form, *unnamed)
+        _refuse_commas(path, form, lines)
         labels, units, stamped, left_out = form.described(lines)
         rows = [form.cells(line, i) for i, line in enumerate(lines[form.skip :])]
         day = _day_column(rows, stamped)
@@ -137,7 +136,7 @@ class TextTable:
             day is None and all(map(_ISO.fullmatch, stamps)),
             about,
             tuple(all(map(_LONG.fullmatch, column)) for column in zip(*_whole_rows(rows[:_ROWS], labels), strict=True)),
-            unnamed,
+            form.unnamed(lines),
             day,
         )
 
@@ -365,13 +364,21 @@ class _Clock:
         return (ns - table.first_ns) * 1e-9
 
 
-def _refuse_commas(path: Path, form: Form, row: int, names: int) -> None:
-    """Refuse numbers with a decimal comma that commas separate: names "t,v" in `row` above cells "0,001,1,5"."""
-    if form.separator == "," and form.width == 2 * names:
-        raise UsageError(
-            f"{path}: row {row} has {names} names, the rows have {form.width} cells: the comma separates the cells and "
-            "is the decimal mark too; write decimal points, or separate the cells by semicolons"
-        )
+def _refuse_commas(path: Path, form: Form, lines: Sequence[str]) -> None:
+    """Refuse numbers with a decimal comma that commas separate: "0,001,1,500"."""
+    if form.separator != ",":
+        return
+    row, names = form.unnamed(lines)
+    if form.width == 2 * names:
+        found = f"row {row} has {names} names, the rows have {form.width} cells"
+    elif not form.headed and form.has_decimals_alone(lines):
+        found = f"row {form.skip + 1} has {lines[form.skip]!r:.40}"
+    else:
+        return
+    raise UsageError(
+        f"{path}: {found}: the comma separates the cells and is the decimal mark too; write decimal points, or "
+        "separate the cells by semicolons"
+    )
 
 
 def _day_column(rows: Sequence[Sequence[str]], stamped: Sequence[bool]) -> int | None:
