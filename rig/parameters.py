@@ -69,7 +69,9 @@ Trust = Annotated[
 ]
 Seed = Annotated[int | None, Option("N", "Seed of samples and runs. Default: the scene's.", low=0)]
 Workers = Annotated[int | None, Option("N", "Number of processes. Default: one for each core.", low=1, high=256)]
-Cluster = Annotated[str, Option("WHERE", "Compute on a dask cluster: the address of its scheduler, tcp://HOST:PORT.")]
+Cluster = Annotated[
+    str, Option("WHERE", "Compute on a dask cluster: address of its scheduler, tcp://HOST:PORT or tls://HOST:PORT.")
+]
 Results = Annotated[
     str | Path,
     Option("FOLDER", "Folder for the results; each scene, map, study or search has a folder of its own in it."),

@@ -91,7 +91,7 @@ class Table:
         return cells
 
     @property
-    def more(self) -> str:
+    def left_out(self) -> str:
         """How many rows a text leaves out, in words; "" if none."""
         left = len(self.rows[self.most :]) if self.most is not None else 0
         return f"  and {left} more" if left else ""
@@ -101,7 +101,7 @@ class Table:
         cells = self.cells()
         heads = [column.head for column in cells]
         lines = columns([heads, *zip(*cells.values())], "".join(column.side for column in cells))
-        return "\n".join([*lines, *filter(None, [self.more])])
+        return "\n".join([*lines, *filter(None, [self.left_out])])
 
     def html(self) -> str:
         """Return the table as HTML."""
@@ -109,7 +109,7 @@ class Table:
         styles = [_CELL.format("right" if column.digits else "left") for column in cells]
         heads = _row("th", styles, [column.head for column in cells])
         rows = [heads, *(_row("td", styles, row) for row in zip(*cells.values()))]
-        return f'<table style="font-size:inherit">{"".join(rows)}</table>{_paragraph(self.more)}'
+        return f'<table style="font-size:inherit">{"".join(rows)}</table>{_paragraph(self.left_out)}'
 
     def csv(self) -> str:
         """Return the table as CSV: the unit of the values in the head, numbers with all digits."""

@@ -92,8 +92,9 @@ def join(
 
     if ticket is not None and run is not None:
         raise BusError(f"--run {run}: the ticket {ticket} names the run; leave --run out")
-    if run is None and (ticket := given_ticket(ticket)) is not None:
-        return open_ticket(ticket, role, name, wait)
+    chosen = given_ticket(ticket) if run is None else None
+    if chosen is not None:
+        return open_ticket(chosen, role, name, wait)
     if run == TOLD:
         run = sys.stdin.readline().strip()
         if not run:

@@ -20,13 +20,22 @@ from rig.errors import BusError
 
 _ANSWER_S = 3.0  # in which a host must accept a connection
 _NAMES = (62, 64)  # errors of OpenSSL: the certificate is for another name, or another address
-_TIMES = (9, 10)  # it is not valid yet, or no more
+_EARLY = 9  # it is not valid yet
+_TIMES = (_EARLY, 10)  # or no more
+
+
+class NotThere(BusError):
+    """No run answers at the address of a ticket: it may not have begun."""
 
 
 def reach(ticket: Ticket, path: Path) -> None:
-    """Raise BusError, with the reason, if the run of the ticket in file `path` does not listen at its address."""
+    """Raise BusError, with the reason, if the run of the ticket in file `path` does not listen at its address.
+
+    It is NotThere where that may change: also a run under a flood of strangers closes a connection in its handshake.
+    """
     host, port = ticket.place
     at = f"{host}:{port}"
+    kind: type[BusError] = NotThere
     trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     trusting.load_verify_locations(cadata=ticket.authority)
     try:
@@ -40,20 +49,20 @@ def reach(ticket: Ticket, path: Path) -> None:
     except socket.gaierror:
         why = f"no address is known for {host}"
     except ssl.SSLCertVerificationError as fault:
+        kind = BusError
         if fault.verify_code in _NAMES:
             why = f"the certificate of the run at {at} does not name {host}: use the address that --listen named"
         elif fault.verify_code in _TIMES:
-            clock = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-            why = (
-                f"its time is over, or not begun, by the clock of this host ({clock}): set it, or ask for a new ticket"
-            )
+            clock = f"by the clock of this host ({datetime.now(UTC):%Y-%m-%d %H:%M} UTC)"
+            over = f"its time is over {clock}: set the clock, or ask for a new ticket"
+            why = f"its time has not begun {clock}: set the clock" if fault.verify_code == _EARLY else over
         else:
             why = f"the run that listens at {at} has not issued it: ask for a ticket of that run"
     except ssl.SSLError:
         why = f"what listens at {at} is no run: another program has the port"
     except OSError as fault:
         why = f"{at} does not answer ({fault.strerror or fault}): is the host on, and does its firewall let it through?"
-    raise BusError(f"the ticket {path} opens nothing: {why}")
+    raise kind(f"the ticket {path} opens nothing: {why}")
 
 
 def _local_address(host: str, port: int) -> str:

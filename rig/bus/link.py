@@ -142,7 +142,7 @@ def open_ticket(path: Path, role: str, name: str, wait: float) -> port.Session:
         try:
             contact.reach(ticket, path)
             break
-        except BusError:
+        except contact.NotThere:
             if time.monotonic() >= deadline:
                 raise
             time.sleep(0.2)

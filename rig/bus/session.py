@@ -168,7 +168,7 @@ class _Publisher(Publisher):
             raise BusError(f"{self.topic} could not be sent: {fault}") from None
 
 
-def _who(key: Any, prefix: int) -> tuple[str, str]:
+def _user_and_topic(key: Any, prefix: int) -> tuple[str, str]:
     """User and topic of a key `rig/<run>/<user>/<topic>`."""
     user, _, topic = str(key)[prefix:].partition("/")
     return user, topic
@@ -187,7 +187,7 @@ class _ZenohReceiver(Receiver):
 
     def _arrived(self, delivered: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = delivered
-        who = _who(sample.key_expr, self._prefix)
+        who = _user_and_topic(sample.key_expr, self._prefix)
         data = sample.payload.to_bytes()
         encoding = "" if who in self.inbound.granted else str(sample.encoding)
         header = data[: HEADER.size]
@@ -199,7 +199,7 @@ class _ZenohReceiver(Receiver):
         key = str(sample.key_expr)
         row = self._rows.get(key)
         if row is None or row.granted_by is not self.inbound.granted:
-            row = self.inbound.row(*_who(key, self._prefix), self.counts)
+            row = self.inbound.row(*_user_and_topic(key, self._prefix), self.counts)
             if row is None or not self._wanted(row.topic):
                 return None
             if len(self._rows) >= _KEYS:
@@ -278,7 +278,7 @@ class _Watch(Watch):
         sample = self._inbox.take(timeout)
         if sample is None:
             return None
-        return Arrived(*_who(sample.key_expr, self._prefix), put=sample.kind == _PUT)
+        return Arrived(*_user_and_topic(sample.key_expr, self._prefix), put=sample.kind == _PUT)
 
 
 class _Request(Request):

@@ -205,11 +205,11 @@ def _law(module: ModuleType, name: str) -> type[FrictionLaw]:
         raise PartError("\n".join(f"{file_of(module)}: {line}" for line in lines))
     law: type[FrictionLaw] = named(module, (own,), LAW, name)
     if own.friction is not FrictionLaw.friction:
-        law.friction = _asked(own, module)  # type: ignore[method-assign, assignment]
+        law.friction = _friction_of(own, module)  # type: ignore[method-assign, assignment]
     return law
 
 
-def _asked(own: type[FrictionLaw], module: ModuleType) -> Callable[[FrictionLaw], Law]:
+def _friction_of(own: type[FrictionLaw], module: ModuleType) -> Callable[[FrictionLaw], Law]:
     """The method `friction` of a class from elsewhere. It raises PartError for what is no law."""
 
     def friction(section: FrictionLaw) -> Law:

@@ -85,7 +85,7 @@ def trusted(path: Path, instead: str) -> bool:
     `instead`: what the user can set, for the warning. The folders above it are not looked at.
     """
     try:
-        why = _others(path)
+        why = _foreign(path)
     except OSError:
         return True
     folder = path if path.is_dir() else path.parent
@@ -98,7 +98,7 @@ def trusted(path: Path, instead: str) -> bool:
 def own_bytes(path: Path, instead: str) -> bytes:
     """The content of a file of a cache. Raises OSError for one that is not `trusted`, or in a folder that is not."""
     with path.open("rb") as file:  # this very file is checked, whatever takes its place
-        if _others(file.fileno()) or not trusted(path.parent, instead):
+        if _foreign(file.fileno()) or not trusted(path.parent, instead):
             trusted(path, instead)
             raise PermissionError(errno.EPERM, "another user can have written it")
         return file.read()
@@ -117,7 +117,7 @@ def own_file(file: int | Path) -> None:
         os.chmod(file, os.stat(file).st_mode & ~_OTHERS)
 
 
-def _others(file: int | Path) -> str:
+def _foreign(file: int | Path) -> str:
     """Why another user can have written a file or folder; "" if none can. Raises OSError."""
     if not hasattr(os, "getuid"):  # this system has other permissions
         return ""

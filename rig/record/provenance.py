@@ -29,12 +29,12 @@ def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": printable(shlex.join([Path(command[0]).name, *command[1:]])) if command else "",
         "seed": str(seed),
-        **_process(),
+        **_sources_and_machine(),
     }
 
 
 @cache
-def _process() -> dict[str, str]:
+def _sources_and_machine() -> dict[str, str]:
     """What stays the same while a process runs: its sources, as they were loaded, and the machine."""
     from rig.compiled.kernel import source_key  # loads numba, which the recorder does not need
 

@@ -34,12 +34,12 @@ class RecordedController:
         """Add a message of the recording, if it is about this controller."""
         kind, _, sender = record.topic.partition("/")
         if kind == "event" and sender == "plant" and content.kind == "begin":
-            self._here = self.name in _data(content).get("here", ())
+            self._here = self.name in _content_of(content).get("here", ())
         elif kind == "event" and sender == self.name and content.kind == "parameter":
-            data = _data(content)
+            data = _content_of(content)
             self._tune(data.get("after_tick"), data.get("set"))
         elif kind == "event" and sender == self.name and content.kind == KIND:
-            self.skipped.append(_data(content))
+            self.skipped.append(_content_of(content))
         elif kind == "event" and sender == "plant" and content.kind == "parameter" and self.saved:
             self._note_protocol(content)
         elif kind == "act" and sender == self.name:
@@ -50,7 +50,7 @@ class RecordedController:
     def _note_protocol(self, content: Any) -> None:
         """Add a change by the protocol."""
         begin = f"controllers.{self.name}."
-        changes = _data(content).get("set")
+        changes = _content_of(content).get("set")
         if isinstance(changes, dict):
             mine = {key.removeprefix(begin): value for key, value in changes.items() if key.startswith(begin)}
             if mine:
@@ -78,6 +78,6 @@ class RecordedController:
         return tick not in self.answers and any(first <= tick <= last for first, last in self.lives)
 
 
-def _data(event: Any) -> dict[str, Any]:
+def _content_of(event: Any) -> dict[str, Any]:
     data = json.loads(event.data or "{}")
     return data if isinstance(data, dict) else {}

@@ -177,7 +177,7 @@ def _laws(value: Any) -> Iterator[Any]:
             yield from _laws(inner)
 
 
-def given(raw: Mapping[str, Any]) -> Parts:
+def foreign_parts(raw: Mapping[str, Any]) -> Parts:
     """The foreign parts in the JSON of a scene.
 
     Raises Untrusted, with all their names, if some of them may not be run, PartError if they are damaged.

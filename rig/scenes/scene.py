@@ -278,7 +278,7 @@ class Scene(Result):
         if since > FORMAT:
             reason = f"recorded by a newer version, whose scene files have format {since}; this one reads format"
             raise SceneError(raw["name"], [f"{reason} {FORMAT}; install a newer version of friction-rig"])
-        parts = rooms.given(raw)
+        parts = rooms.foreign_parts(raw)
         model = rooms.parameters_of(raw["plant"], raw["parameters"], parts)
         return cls(
             name=raw["name"],

@@ -197,7 +197,7 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
         *path, last = key.split(".")
         lookup(raw, path)[last] = value
     try:
-        parameters: Section = type(scene.parameters).model_validate(given(raw))
+        parameters: Section = type(scene.parameters).model_validate(without_none(raw))
         changed = replace(scene, parameters=parameters)
         outputs = changed.assemble().outputs
     except ValidationError as error:
@@ -220,6 +220,7 @@ def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
     return {**value, **dict.fromkeys(off, True)} if off else value
 
 
-def given(raw: dict[str, Any]) -> dict[str, Any]:
+def without_none(raw: dict[str, Any]) -> dict[str, Any]:
     """Tables without what is left out."""
-    return {key: given(value) if isinstance(value, dict) else value for key, value in raw.items() if value is not None}
+    tables = {key: without_none(value) if isinstance(value, dict) else value for key, value in raw.items()}
+    return {key: value for key, value in tables.items() if value is not None}

@@ -73,7 +73,7 @@ def _plots(drawing: Drawing, until: float | None) -> rrb.Vertical:
     most = 4 if drawing.points else 2
     panels = drawing.channels.panels
     large = [_curves(panel, until) for panel in panels[:most]]
-    more = _more(drawing, panels[most:], until)
+    more = _tabs_of_rest(drawing, panels[most:], until)
     strips = 1.2 if drawing.points else 2.0
     return rrb.Vertical(
         *large,
@@ -100,7 +100,7 @@ def _curves(panel: Panel, until: float | None, room: float = ROOM) -> rrb.TimeSe
     return _series(panel.title, paths, until, room)
 
 
-def _more(drawing: Drawing, panels: list[Panel], until: float | None) -> rrb.Tabs:
+def _tabs_of_rest(drawing: Drawing, panels: list[Panel], until: float | None) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
     room = ROOM_BESIDE if until is None else ROOM

@@ -194,6 +194,16 @@ def test_lines_without_excitation_have_no_response():
     assert {20.0, 50.0} <= set(found.f[known]) <= {*range(18, 23), *range(48, 53)}
     assert found.h[known] == pytest.approx(3.0, rel=1e-6)
     assert "in which the input has no power" in found.text()
+    told = found.to_json()
+    assert told["excited"] == {
+        "lowest": found.f[known].min(),
+        "highest": found.f[known].max(),
+        "lines_without": np.isnan(found.h).sum(),
+    }
+    assert (told["coherence_median"], told["error_median"]) == (
+        np.nanmedian(found.coherence),
+        np.nanmedian(found.error),
+    )
 
 
 def test_what_cannot_be_is_told():

@@ -9,8 +9,8 @@ from wrong_methods import WRONG
 from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
-from rig.qualify.torture import trial
-from rig.qualify.torture.case import each, load, read, watched
+from rig.qualify.torture import recorded_run, trial
+from rig.qualify.torture.case import load, of_scenes, read, watched
 from rig.qualify.torture.cells import cells
 from rig.qualify.torture.results import RunOutcome, judge
 
@@ -60,20 +60,20 @@ def test_a_fault_that_stops_runs_with_sensors_is_red(tmp_path, monkeypatch):
 
 def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_friction(monkeypatch):
     monkeypatch.setattr(scenes, "names", lambda: ("tip_beam",))
-    [case] = each(load("every_scene"), False)
+    [case] = of_scenes(load("every_scene"), False)
     [cell] = [cell for cell in cells(case, False, ()) if cell.default]
     assert cell.result.colour == "green", cell.result.detail
 
 
 def test_processes_in_lockstep_have_the_bits_of_one_process(runs):
-    result = trial.processes(load("loop_as_processes"), 100_000_000)
+    result = recorded_run.processes(load("loop_as_processes"), 100_000_000)
     assert result.colour == "green"
     assert result.detail == "2 sensors and 1 controller have the same bits as in one process"
 
 
 def test_the_default_of_a_scene_is_its_own_method_with_the_tolerance_chosen_for_it():
     """With this tolerance dopri5 leaves the energy balance open by more than the torture test allows."""
-    [case] = [case for case in each(load("every_scene"), False) if case.scene == "disc_slider_c"]
+    [case] = [case for case in of_scenes(load("every_scene"), False) if case.scene == "disc_slider_c"]
     clock, step_ns = scenes.load(case.scene).clock, case.steps[0]
     assert clock.method == "dop853"
     assert watched(case, clock.method, step_ns).clock.tolerance == clock.tolerance

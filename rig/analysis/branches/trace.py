@@ -621,15 +621,15 @@ def _named(rig: FreeRig, before: Carried, after: Carried, kind: str) -> str:
     def count(run: Carried, event: str) -> int:
         return sum(name.endswith(event) for name in run.met[1])
 
-    def more(event: str) -> int:
+    def increase(event: str) -> int:
         return count(after, event) - count(before, event)
 
-    if kind == "grazing" and more(" slip ends"):
+    if kind == "grazing" and increase(" slip ends"):
         return kind
-    if opens := more(" opens"):
+    if opens := increase(" opens"):
         return "lift-off" if opens > 0 else "end of lift-off"
     sticks = _sticks(rig, after) - _sticks(rig, before)
-    for change, what in ((sticks, "stick"), (more(" slip ends"), "reversal")):
+    for change, what in ((sticks, "stick"), (increase(" slip ends"), "reversal")):
         if change:
             return f"{'begin' if change > 0 else 'end'} of {what}"
     return kind or "other order of events"

@@ -61,11 +61,12 @@ def kept_pace(scene: Scene, pace: float, cost: FrameCost, adapts: bool) -> tuple
     `adapts`: whether the run takes the largest pace that holds on this machine.
     """
     busy = cost.busy(scene, pace)
+    frame = _frame_in_words(scene, pace)
     holding = cost.holding(scene, pace)
     if holding == pace:
-        return pace, f"pace {pace:g}: {_what(scene, pace)} is {busy:.0%} busy on this machine" if adapts else ""
+        return pace, f"pace {pace:g}: {frame} is {busy:.0%} busy on this machine" if adapts else ""
     where = "" if cost.whole else f" in the first {cost.seconds:.3g} s of the run"
-    load = f"at a pace of {pace:g} {_what(scene, pace)} is {busy:.0%} busy on this machine{where}"
+    load = f"at a pace of {pace:g} {frame} is {busy:.0%} busy on this machine{where}"
     if adapts:
         return holding, f"pace {holding:g}: {load}, and {MOST:.0%} holds"
     late = "will" if busy > 1.0 else "may"
@@ -75,7 +76,7 @@ def kept_pace(scene: Scene, pace: float, cost: FrameCost, adapts: bool) -> tuple
     )
 
 
-def _what(scene: Scene, pace: float) -> str:
+def _frame_in_words(scene: Scene, pace: float) -> str:
     frames = length(scene, pace)
     wall_ms = frames * scene.frame_ns / pace * 1e-6
     return f"a frame of {wall_ms:.3g} ms" if frames == 1 else f"a piece of {frames} frames ({wall_ms:.3g} ms)"

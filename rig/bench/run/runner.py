@@ -110,8 +110,9 @@ class PlantRunner:
         piece: int = 1,
         measured: Mapping[str, Samples] | None = None,
     ) -> None:
-        if measured is None and (names := streams(scene.sensors)):
-            name = next(iter(names))
+        played = streams(scene.sensors)
+        if measured is None and played:
+            name = next(iter(played))
             raise UsageError(
                 f"sensors.{name}: a stream is measured while a run keeps pace with the clock: rig run {scene.name}, "
                 "without --lockstep. Everywhere else give it another kind that reads the same output, or leave it out"

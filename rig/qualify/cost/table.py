@@ -83,7 +83,7 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
     fitting = [row for row in able if budget is None or row.share <= budget]
     enough = [row for row in fitting if target is None or row.error(metric) <= target]
     if not enough:
-        raise UsageError(_why(able, fitting, metric, target, budget))
+        raise UsageError(_why_none(able, fitting, metric, target, budget))
     if target is None:
         best = min(row.error(metric) for row in enough)
         enough = [row for row in enough if row.error(metric) <= max(best, _RESOLVED * row.floor(metric))]
@@ -96,7 +96,7 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
     )
 
 
-def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None, budget: float | None) -> str:
+def _why_none(able: list[Row], fitting: list[Row], metric: str, target: float | None, budget: float | None) -> str:
     if not able:
         return "no setting completes this scene; the table has the reasons"
     if not fitting:

@@ -153,7 +153,7 @@ def read(path: Path) -> Case:
     return case
 
 
-def each(case: Case, quick: bool) -> list[Case]:
+def of_scenes(case: Case, quick: bool) -> list[Case]:
     """Return the case; for scene "*" a case for each scene, with its own step. The quick ones have few states."""
     if case.scene != "*":
         return [case]

@@ -14,8 +14,9 @@ from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture.case import Case, Watched, changed, watched
+from rig.qualify.torture.recorded_run import processes, recording
 from rig.qualify.torture.results import FAULTS, CellResult, OutOfTime, RunOutcome, fault, judge, red
-from rig.qualify.torture.trial import Trial, processes, recording
+from rig.qualify.torture.trial import Trial
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
@@ -71,7 +72,7 @@ def needed() -> Iterator[Scene]:
     for name in cases.names():
         case = cases.load(name)
         if case.quick:
-            for variant in cases.each(case, True):
+            for variant in cases.of_scenes(case, True):
                 yield from kernel_scenes(variant, True)
 
 
@@ -228,7 +229,7 @@ def matrix(
     """
     variants: list[Case] = []
     for name in names:
-        variants += cases.each(cases.load(name), quick)
+        variants += cases.of_scenes(cases.load(name), quick)
     work = Work(partial(_cells, quick), variants)
     prepare((scene for case in variants for scene in kernel_scenes(case, quick)), report)
     with temporary(work) as store:

@@ -301,7 +301,7 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
         (target / name).unlink(missing_ok=True)
 
 
-def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Written]:
+def _file_per_table(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Written]:
     """One file for each table."""
     folder.mkdir()
     written = []
@@ -394,11 +394,11 @@ def _signals(tables: Tables) -> Iterator[tuple[str, Table, Column, slice]]:
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format(".csv", True, partial(_each, "csv")),
+    "csv": Format(".csv", True, partial(_file_per_table, "csv")),
     "hdf5": Format(".h5", False, _netcdf, ("xarray", "h5netcdf")),
     "mat": Format(".mat", False, _mat),
     "netcdf": Format(".nc", False, _netcdf, ("xarray", "h5netcdf")),
-    "parquet": Format(".parquet", True, partial(_each, "parquet")),
+    "parquet": Format(".parquet", True, partial(_file_per_table, "parquet")),
     "wav": Format(".wav", True, _wav),
 }
 """Formats by name."""
