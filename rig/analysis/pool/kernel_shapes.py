@@ -127,11 +127,11 @@ def prepare(
 def _one_of_each(kinds: Iterable[Shape]) -> list[Shape]:
     """One shape of each method, then a second one, and so on: two workers seldom need the same new kernels at a time.
 
-    A film comes last among the first ones: `warmup` begins with it.
+    Those for any number of states, which take longest, come first; among them a film last: `warmup` begins with it.
     """
     earlier = Counter[Shape]()
     turns = []
-    for kind in kinds:
+    for kind in sorted(kinds):
         method = kind._replace(states=0, products=False)
         turns.append((earlier[method], kind.kicks, kind))
         earlier[method] += 1
