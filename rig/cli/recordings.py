@@ -173,7 +173,7 @@ def _fits(listing: Listed, tags: Iterable[str], scene: str | None) -> bool:
 def _card(listing: Listed) -> dict[str, Any]:
     """A recording of the list, for JSON."""
     contents = vars(listing.contents) if listing.contents else {}
-    notes = [vars(note) for note in listing.notes.found]
+    notes = [vars(note) for note in listing.notes.entries]
     return {
         "path": listing.path,
         "size": listing.size,
@@ -185,7 +185,7 @@ def _card(listing: Listed) -> dict[str, Any]:
 
 
 def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
-    last = next((note.text for note in reversed(listing.notes.found) if note.text), "")
+    last = next((note.text for note in reversed(listing.notes.entries) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
     noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in listing.notes.tags))))
     name = str(listing.path.relative_to(folder))
@@ -213,11 +213,11 @@ def note(
     notes = user_notes.read(log)
     report = {
         "path": notes.path,
-        "notes": [vars(note) for note in notes.found],
+        "notes": [vars(note) for note in notes.entries],
         "other": [vars(note) for note in notes.other],
         "unreadable": notes.unreadable,
     }
-    return Answer(Told(report, *map(str, notes.found or [f"{log}: no notes"])), notes=list(_warnings(notes)))
+    return Answer(Told(report, *map(str, notes.entries or [f"{log}: no notes"])), notes=list(_warnings(notes)))
 
 
 def _warnings(notes: Notes) -> Iterator[str]:

@@ -45,7 +45,7 @@ class Notes:
     """All notes on a recording."""
 
     path: Path
-    found: tuple[Note, ...] = ()
+    entries: tuple[Note, ...] = ()
     other: tuple[Note, ...] = ()
     """Notes on another recording that had this name."""
     unreadable: int = 0
@@ -54,7 +54,7 @@ class Notes:
     @property
     def tags(self) -> tuple[str, ...]:
         """All tags, each once, in order of the notes."""
-        return tuple(dict.fromkeys(tag for note in self.found for tag in note.tags))
+        return tuple(dict.fromkeys(tag for note in self.entries for tag in note.tags))
 
 
 def path_of(log: Path) -> Path:

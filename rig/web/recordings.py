@@ -33,7 +33,7 @@ class Recordings:
         for entry in reversed(runs(self._folder)):
             row: dict[str, Any] = {"name": entry.path.relative_to(self._folder).as_posix(), "bytes": entry.size}
             row["fault"] = entry.fault
-            row["notes"] = [str(note) for note in entry.notes.found]
+            row["notes"] = [str(note) for note in entry.notes.entries]
             contents = entry.contents
             if contents is not None:
                 row |= {name: getattr(contents, name) for name in _OF_CONTENTS}

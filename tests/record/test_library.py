@@ -88,7 +88,7 @@ def test_notes_stay_beside_an_unchanged_recording(log):
     user_notes.add(log, "", ["squeal"])
     found = user_notes.read(log)
     assert log.read_bytes() == before
-    assert [(note.text, note.tags) for note in found.found] == [
+    assert [(note.text, note.tags) for note in found.entries] == [
         ("new pad second day", ("squeal", "pad7")),
         ("", ("squeal",)),
     ]

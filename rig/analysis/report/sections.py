@@ -262,7 +262,7 @@ def provenance(run: Run, digest: str) -> Html:
 def notes(noted: user_notes.Notes) -> Html:
     """Return the notes of users on the recording. They are stored beside it; no checksum covers them."""
     rows = []
-    for note in noted.found:
+    for note in noted.entries:
         tags = " ".join([f"#{tag}" for tag in note.tags])
         rows.append((note.date, note.text, tags))
     parts = [table("Notes", ("date", "text", "tags"), rows) or element("p", "None.")]

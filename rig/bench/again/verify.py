@@ -386,7 +386,7 @@ def _by_checksums(log: Path, run: Run) -> Verification:
 def _user_notes(log: Path) -> tuple[str, ...]:
     """The notes on a recording; why they cannot be read, if so: they never decide about the recording."""
     try:
-        return tuple(map(str, user_notes.read(log).found))
+        return tuple(map(str, user_notes.read(log).entries))
     except LogError as fault:
         return (str(fault),)
 
