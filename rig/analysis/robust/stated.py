@@ -101,9 +101,9 @@ class Job:
     @property
     def expected(self) -> int:
         """Number of units of work that the search takes, about."""
-        rounds = _ROUNDS if self.box.free else 1
+        audits, rounds = (2, _ROUNDS) if self.box.free else (1, 1)
         searches = 1 if self.tolerance is None else _SEARCHES
-        return 2 * AUDIT // CHUNK + searches * rounds * _ROUND
+        return audits * AUDIT // CHUNK + searches * rounds * _ROUND
 
     @property
     def work(self) -> Work:
