@@ -273,16 +273,18 @@ def _lines(what: str) -> Callable[[int, int], object]:
 
 def about(what: str, usual: int) -> Callable[[int], str]:
     """Progress of work whose size is known roughly, in words: how much of `usual` is done and what time is left."""
-    begun = time.monotonic()
-    first = -1
+    began: list[tuple[int, float]] = []  # the first call, and the first after it: kernels are ready from then on
 
     def told(done: int) -> str:
-        nonlocal first
-        first = done if first < 0 else first  # parts that were kept from before took no time
+        now = time.monotonic()
+        if len(began) < 2 and (not began or done > began[0][0]):
+            began.append((done, now))
         if done >= usual:
             return f"{done} {what} computed; usual are {usual}"
-        seconds = (time.monotonic() - begun) / max(done - first, 1)
-        left = f", about {_span(seconds * (usual - done))} left" if done > first else ""
+        first, since = began[-1]
+        left = ""
+        if done > first:
+            left = f", about {_span((now - since) / (done - first) * (usual - done))} left"
         return f"{done} of about {usual} {what} computed{left}"
 
     return told

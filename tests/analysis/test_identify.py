@@ -63,8 +63,10 @@ def test_progress_says_how_many_cycles_are_usual_and_what_time_is_left(monkeypat
     monkeypatch.setattr(printing.time, "monotonic", lambda: now)
     words = printing.about("cycles", 100)
     assert words(20) == "20 of about 100 cycles computed"  # kept from before
-    now = 110.0
-    assert words(30) == "30 of about 100 cycles computed, about 70 s left"
+    now = 150.0
+    assert words(21) == "21 of about 100 cycles computed"  # kernels were compiled
+    now = 160.0
+    assert words(31) == "31 of about 100 cycles computed, about 69 s left"
     assert words(120) == "120 cycles computed; usual are 100"
 
 
