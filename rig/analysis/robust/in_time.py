@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -135,11 +134,14 @@ class Proof:
         """
         say = progress or (lambda done, total: None)
         runs = len(self._cases)
-        numbers = count(runs)  # of the units: beyond those of the runs
         with asking(self._work, self._store, workers, MOST) as ask:
 
             def ends(asked: Sequence[tuple[float, ...]]) -> list[Ends]:
-                units = {next(numbers): given for given in asked}
+                # the numbers of the units are beyond those of the runs, and do not depend on what was asked before
+                units = {
+                    runs + 4 * int(case) + 2 * bool(within) + (side < 0.0): (case, side, *within)
+                    for case, side, *within in asked
+                }
                 first = min(units, default=runs) - runs
                 rows = ask(units, lambda done: say(first + done, 4 * runs))
                 return [Ends(*unpacked(row)) for row in rows]
