@@ -11,7 +11,7 @@ from rig.bench.run.rig_comparison import Comparison, VisitedState
 from rig.errors import RigError
 from rig.scenes import names
 from rig.scenes.shipped import card
-from rig.scenes.variants import absent, added, dropped, given, without
+from rig.scenes.variants import absent, added, dropped, without, without_none
 from rig.stability.report import mode_sets
 
 NONE = {
@@ -82,7 +82,7 @@ def test_an_effect_of_size_zero_is_none(scene):
             continue
         raw = loaded.parameters.model_dump()
         raw[name] = zero if "kind" in zero else {**raw[name], **{k: v for k, v in zero.items() if k in raw[name]}}
-        parameters = type(loaded.parameters).model_validate(given(raw))
+        parameters = type(loaded.parameters).model_validate(without_none(raw))
         system = replace(loaded, parameters=parameters, controllers={}, protocol=()).assemble().system()
         try:
             bare = replace(loaded, controllers={}, protocol=())
