@@ -28,8 +28,7 @@ def test_a_run_is_shown_whole_until_another_scene_is_chosen_after_its_end(page, 
     second = tab(server.address)
     second.until_phase("running")
     second.go("bench")
-    second.until(lambda: second.text("title") == BELT)
-    assert second.value("scene") == "belt"
+    second.until(lambda: (second.text("title"), second.value("scene")) == (BELT, "belt"))
     assert shown(second)[:2] == of_belt[:2]
     pick(second, "two_dof")  # for the next run
     assert shown(second)[:2] == of_belt[:2]
