@@ -5,7 +5,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from measurement_kinds import Kind, N, T, V, check, comma, lines, rows
+from measurement_kinds import Kind, N, T, V, check, comma, lines, rows, uff
 from scipy import io as scipy_io
 
 import rig as lab
@@ -129,34 +129,6 @@ def hdf5_with(key, unit):
                 file[name].attrs[key] = of_column
 
     return write
-
-
-def uff(path, unit, **more):
-    pyuff = pytest.importorskip("pyuff")
-    about = {
-        "binary": 0,
-        "func_type": 1,
-        "rsp_node": 1,
-        "rsp_dir": 1,
-        "ref_dir": 1,
-        "ref_node": 1,
-        "data": V,
-        "x": T,
-        "id1": "v",
-        "rsp_ent_name": "a",
-        "ref_ent_name": "b",
-        "abscissa_spacing": 1,
-        "abscissa_spec_data_type": 17,
-        "ordinate_spec_data_type": 11,
-        "num_pts": T.size,
-        "orddenom_spec_data_type": 0,
-        "abscissa_inc": T[1],
-        "abscissa_min": 0.0,
-        "ord_data_type": 4,
-        "ordinate_axis_units_lab": unit,
-        **more,
-    }
-    pyuff.UFF(str(path)).write_sets([pyuff.prepare_58(**about)], "add")
 
 
 def tdms(path, unit):

@@ -6,7 +6,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from measurement_kinds import Kind, N, T, V, check, comma, lines, rows
+from measurement_kinds import Kind, N, T, V, check, comma, lines, rows, uff
 from scipy import constants as c
 from scipy import io as scipy_io
 
@@ -71,33 +71,8 @@ def segments(first):
     return lines(*head, names, *written[:first], "", *head[8:], names, *written[first:])
 
 
-def uff(path, change=lambda text: text, **more):
-    pyuff = pytest.importorskip("pyuff")
-    about = {
-        "binary": 0,
-        "func_type": 1,
-        "rsp_node": 1,
-        "rsp_dir": 1,
-        "ref_dir": 1,
-        "ref_node": 1,
-        "data": V,
-        "x": T,
-        "id1": "v",
-        "rsp_ent_name": "a",
-        "ref_ent_name": "b",
-        "abscissa_spacing": 1,
-        "abscissa_spec_data_type": 17,
-        "ordinate_spec_data_type": 11,
-        "num_pts": T.size,
-        "orddenom_spec_data_type": 0,
-        "abscissa_inc": T[1],
-        "abscissa_min": 0.0,
-        "ord_data_type": 4,
-        "ordinate_axis_units_lab": "m/s",
-        "abscissa_axis_units_lab": "s",
-        **more,
-    }
-    pyuff.UFF(str(path)).write_sets([pyuff.prepare_58(**about)], "add")
+def changed_uff(path, change, **more):
+    uff(path, abscissa_axis_units_lab="s", **more)
     path.write_bytes(change(path.read_bytes()))
 
 
@@ -388,17 +363,21 @@ LABVIEW = {
 }
 
 BINARY = {
-    "the other byte order.uff": Kind(lambda path: uff(path, big_endian, binary=1), time=""),
+    "the other byte order.uff": Kind(lambda path: changed_uff(path, big_endian, binary=1), time=""),
     "no increment.uff": Kind(
-        lambda path: uff(path, lambda data: data.replace(b"1.00000e-03", b"0.00000e+00")),
+        lambda path: changed_uff(path, lambda data: data.replace(b"1.00000e-03", b"0.00000e+00")),
         time="",
         refused=('no time for v: add --time "COLUMN, s" or --rate',),
     ),
     "a falling abscissa and a rate.uff": Kind(
-        lambda path: uff(path, lambda data: data.replace(b" 1.00000e-03", b"-1.00000e-03")), time="", rate="1 kHz"
+        lambda path: changed_uff(path, lambda data: data.replace(b" 1.00000e-03", b"-1.00000e-03")),
+        time="",
+        rate="1 kHz",
     ),
     "lines that are missing.uff": Kind(
-        lambda path: uff(path, lambda data: b"".join([*data.splitlines(True)[:20], *data.splitlines(True)[23:]])),
+        lambda path: changed_uff(
+            path, lambda data: b"".join([*data.splitlines(True)[:20], *data.splitlines(True)[23:]])
+        ),
         time="",
         refused=("is cut off: v has 188 values of 200",),
     ),

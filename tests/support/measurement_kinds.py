@@ -49,6 +49,35 @@ def rows(form):
     return [form(t, v, n) for t, v, n in zip(T, V, N)]
 
 
+def uff(path, unit="m/s", **more):
+    """Write V as a data set 58 of even times."""
+    pyuff = pytest.importorskip("pyuff")
+    about = {
+        "binary": 0,
+        "func_type": 1,
+        "rsp_node": 1,
+        "rsp_dir": 1,
+        "ref_dir": 1,
+        "ref_node": 1,
+        "data": V,
+        "x": T,
+        "id1": "v",
+        "rsp_ent_name": "a",
+        "ref_ent_name": "b",
+        "abscissa_spacing": 1,
+        "abscissa_spec_data_type": 17,
+        "ordinate_spec_data_type": 11,
+        "num_pts": T.size,
+        "orddenom_spec_data_type": 0,
+        "abscissa_inc": T[1],
+        "abscissa_min": 0.0,
+        "ord_data_type": 4,
+        "ordinate_axis_units_lab": unit,
+        **more,
+    }
+    pyuff.UFF(str(path)).write_sets([pyuff.prepare_58(**about)], "add")
+
+
 def check(kind, path):
     """Write a file of this kind and import it: it becomes what it has to, or is refused in these words."""
     out = path.with_name("made.mcap")

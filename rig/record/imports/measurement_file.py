@@ -277,7 +277,7 @@ def _uff(path: Path) -> MeasurementFile:
 
 def _tdms(path: Path) -> MeasurementFile:
     nptdms = needed("nptdms", "measurements")
-    logging.getLogger("nptdms").setLevel(logging.CRITICAL)  # its warnings become the fault of the file
+    nptdms.log.log_manager.set_level(logging.CRITICAL)  # its warnings become the fault of the file
     with path.open("rb") as beginning:
         if beginning.read(4) != b"TDSm":
             raise UsageError(f"{path}: is no TDMS file: it does not begin with TDSm")
