@@ -21,6 +21,7 @@ from typing import Any
 import psutil
 
 from benchmarks.pages import SCENE, Bench, parted, server, worst
+from rig.view.viewer import free_port
 
 WATCHERS = 30
 _CONNECTIONS = 200
@@ -33,7 +34,7 @@ def classroom(seconds: float, disturbed: bool = False) -> dict[str, Any]:
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        pid, (own, of_class) = stack.enter_context(server(folder, f"127.0.0.1:{_free_port()}"))
+        pid, (own, of_class) = stack.enter_context(server(folder, f"127.0.0.1:{free_port()}"))
         bench = Bench(*parted(own))
         _say("starts a run")
         bench.ask("/api/run", {"scene": SCENE, "duration": seconds + 12.0})
@@ -60,12 +61,6 @@ def classroom(seconds: float, disturbed: bool = False) -> dict[str, Any]:
 
 def _say(text: str) -> None:
     sys.stderr.write(f"  {text}\n")
-
-
-def _free_port() -> int:
-    with socket.socket() as tried:
-        tried.bind(("127.0.0.1", 0))
-        return int(tried.getsockname()[1])
 
 
 class _Room:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import socket
 import statistics
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from typing import Any
 from rig.bench.live import supervise
 from rig.bus.tickets import Listener
 from rig.scenes.loader import load
+from rig.view.viewer import free_port
 
 SCENE = "belt_normal_force"
 _NUMBER = itertools.count()
@@ -151,7 +151,7 @@ def _run(seconds: float, address: str = "", inside: Sequence[str] = ()) -> dict[
             if any(process.wait() for process in started):  # else the plant waits for it until it is stopped
                 interrupts.append("the benchmark")
 
-        listener = Listener(f"tls/{address}:{_free_port()}", ("nf", "recorder"), seconds)
+        listener = Listener(f"tls/{address}:{free_port()}", ("nf", "recorder"), seconds)
         try:
             how: dict[str, Any] = {"begun": begun, "listener": listener, "interrupts": interrupts}
             summary = supervise.run(load(SCENE), duration=seconds, out=out, say=lambda _: None, **how).to_json()
@@ -161,9 +161,3 @@ def _run(seconds: float, address: str = "", inside: Sequence[str] = ()) -> dict[
             for process in started:
                 process.kill()
         return summary
-
-
-def _free_port() -> int:
-    with socket.socket() as asked:
-        asked.bind(("127.0.0.1", 0))
-        return int(asked.getsockname()[1])
