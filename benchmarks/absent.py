@@ -1,8 +1,8 @@
 """The cost of an absent effect: the inner force function beside a twin compiled without the effect's source.
 
 Products of states (nonlinear geometry, moving contacts) are the only kind of effect with code of its own in the inner
-functions; all others are rows of tables. The twin is `rig.solve.forces.derivative` without the source line of products,
-compiled the same way. For a rig without products both must take the same time.
+functions; all others are rows of tables. The twin is `rig.solve.runge_kutta_stage.derivative` that never asks for
+products, compiled the same way. For a rig without products both must take the same time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rig.compiled.kernel import entry, inner, kernel
 from rig.compiled.records import Loan
 from rig.motion.motion import Motion
 from rig.scenes.loader import load
-from rig.solve import forces
+from rig.solve import forces, runge_kutta_stage
 from rig.solve.records import CLOSED, SLIP_PLUS
 from rig.solve.specialised import KernelShape, any_shape, call
 
@@ -33,15 +33,15 @@ _REPEATED = """
 def repeated(shape, t, w, state, log, seg, plan, ticks):
     f = right_hand_side(t, t.mode_set_of[state.progress[0].key], w.T, w.scratch)
     for _ in range(ticks):
-        derivative(shape, f, True, state.x, w.k[0])
+        derivative(shape, f, True, state.x, w.k[0], t, w, state, log, seg, plan)
     return ticks
 """
 
 
 def compiled_loops() -> tuple[Any, Any]:
     """Return a loop over `derivative` as a compiled function (rig.solve.specialised), and its twin."""
-    own: Any = forces.derivative
-    source = textwrap.dedent(inspect.getsource(own.py_func))
+    functions: list[Any] = [forces.needs_inputs, runge_kutta_stage.derivative]
+    source = "\n".join(textwrap.dedent(inspect.getsource(own.py_func)) for own in functions)
     bare = source.replace("has_products(shape) or ", "")
     assert len(bare) < len(source)
     return _compiled("own", source), _compiled("twin", bare)
@@ -51,7 +51,7 @@ def _compiled(name: str, source: str) -> Any:
     """A loop over the `derivative` of this source, compiled from a new file, because the compiler caches by file."""
     path = Path(mkdtemp()) / f"{name}.py"
     path.write_text(f"{source}\n{_REPEATED}")
-    known = {key: value for key, value in vars(forces).items() if not key.startswith("__")}
+    known = {key: value for key, value in vars(runge_kutta_stage).items() if not key.startswith("__")}
     names: dict[str, Any] = {**known, "__name__": name, "__file__": str(path)}
     exec(compile(path.read_text(), str(path), "exec"), names)
     return inner(names["repeated"])

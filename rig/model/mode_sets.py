@@ -253,12 +253,12 @@ class ModeSets:
     def _add_with_film(self, modes: ModeSet) -> ModeSet:
         """Append the tables of the only mode set of a rig with a film.
 
-        Tables that rig.solve.film_steps does not read keep length zero.
+        Tables that neither rig.solve.film_steps nor the search for the contact state reads keep length zero.
         """
         t = self.tables
         rows = signal_rows(self.system, modes, self.rows)[0]
         new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows)), "room": 1}
-        new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands"), 0)
+        new |= dict.fromkeys(("used", "depth", "guards", "stuck", "lands", "curved"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
         stacked["film"] = film_tables.tables(self.system, modes, self.step / self._substeps, rows, self.read)

@@ -20,7 +20,7 @@ from rig.model.system import System
 from rig.model.tables import UNROLLED, empty
 from rig.model.workspace import workspace
 from rig.motion.compiled_parts import addresses
-from rig.solve import collocation, dop853, dopri5, exact, expm, film_steps, rk4, rosenbrock, runge_kutta_stage
+from rig.solve import collocation, dop853, dopri5, exact, expm, film_steps, forces, rk4, rosenbrock, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
@@ -89,6 +89,10 @@ def plan(
         stretch=0,
         take_steps=0,
         whole_derivative=0,
+        inputs_of_state=0,
+        raise_to_rounding=0,
+        input_slopes_of_state=0,
+        memory_errors=0,
         take_cell=0,
         first_event_of_fits=0,
         emit_graded=0,
@@ -114,6 +118,12 @@ def plan(
         wanted["take_steps"] = own.get(method, code.take_steps), shape
         if not fixed_steps:
             wanted["whole_derivative"] = runge_kutta_stage.whole_derivative, shape
+            wanted["raise_to_rounding"] = dopri5.raise_to_rounding, ANY
+        if method == "rosenbrock":
+            wanted["input_slopes_of_state"] = rosenbrock.input_slopes_of_state, ANY
+            wanted["memory_errors"] = rosenbrock.memory_errors, ANY
+    if nonlinear or (fixed_steps and method != "kick"):
+        wanted["inputs_of_state"] = forces.inputs_of_state, ANY
     wanted |= {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
     if not fixed_steps:
         shape = KernelShape(0 if many_states else system.n, products=False, nonlinear=False)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from rig.compiled.kernel import by_address, inlined, inner
 from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.energy_balance import SWITCH, network_energy
-from rig.solve.forces import MEMORY, SMOOTH, inputs
+from rig.solve.forces import MEMORY, SMOOTH
 from rig.solve.records import (
     G_CLOSE,
     G_LIMIT_BACK,
@@ -26,6 +26,7 @@ from rig.solve.records import (
     SLIP_PLUS,
     STICK,
 )
+from rig.solve.specialised import any_shape, call
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK, UNRESOLVED = range(8)
@@ -245,7 +246,7 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
     where belt and body have come to rest. If the same contact has just changed twice in one instant (now.repeat), the
     friction limit of stick is raised by `_SLACK`.
     """
-    now, x, size, T, scratch, energy = state.progress[0], state.x, w.size, w.T, w.scratch, state.energy
+    now, x, size, T, energy = state.progress[0], state.x, w.size, w.T, state.energy
     key, pending = now.key, now.pending
     for i in range(x.shape[0]):
         size[i] = max(size[i], abs(x[i]))
@@ -259,9 +260,9 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
         key, pending = with_switches_thrown(t, key, x), THROWN
     slack, begun = _SLACK if now.repeat > 1 else 0.0, now.search_began_at if now.search_began_at >= 0 else key
     for _ in range(4 * (t.slip.shape[0] + t.patch_of_normal.shape[0]) + 12):
-        mode_set = t.mode_set_of[key]
+        now.key, mode_set = key, t.mode_set_of[key]
         if mode_set < 0:
-            now.key, now.pending, now.search_began_at = key, pending, begun
+            now.pending, now.search_began_at = pending, begun
             return NEED
         if pending != CHECK:
             if t.lands[mode_set]:
@@ -270,13 +271,14 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
                 energy[SWITCH] -= network_energy(t.store[mode_set], x)
             pending = CHECK
         if t.curved[mode_set]:
-            inputs(t, mode_set, x, T, scratch)
+            copy(x.shape[0], x, w.at)
+            call(plan.inputs_of_state, any_shape(x.shape[0]), t, w, state, log, seg, plan, 0)
         else:
             for p in range(T.shape[0]):
                 T[p] = 0.0
         new = disagreement(t, mode_set, key, begun, x, size, T, slack)
         if new < 0:
-            now.key, now.pending, now.search_began_at = key, READY, -1
+            now.pending, now.search_began_at = READY, -1
             return DONE
         for p in range(t.slip.shape[0]):  # project a patch that has just begun to stick
             if mode_in_key(new, patch_weight(p), 3) == STICK and mode_in_key(key, patch_weight(p), 3) != STICK:

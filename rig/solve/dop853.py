@@ -26,12 +26,11 @@ from rig.solve.dopri5 import (
     free_of_events,
     log_ticks,
     raise_scales,
-    raise_to_rounding,
     set_generators,
 )
-from rig.solve.forces import derivative, right_hand_side
-from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
-from rig.solve.specialised import is_unrolled, local, local_stages, state_count
+from rig.solve.forces import right_hand_side
+from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, derivative, patch_friction, stage
+from rig.solve.specialised import any_shape, call, is_unrolled, local, local_stages, state_count
 
 STAGES = 12
 EXTENDED = 16
@@ -376,7 +375,7 @@ def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
     copy(n, x, here)
     copy(n, w.k[0], k[0])
     if hoped == 0.0:
-        derivative(shape, f, True, here, k[0])
+        derivative(shape, f, True, here, k[0], t, w, state, log, seg, plan)
         copy(n, k[0], w.k[0])
         raise_scales(x, w.k[0], t.damping.shape[1], min(tick_length, next_h) if graded else tick_length, size)
     ends, refused = ENDED, False
@@ -394,7 +393,8 @@ def take_long_steps(shape, t, w, state, log, seg, plan, ticks):
                 break
             if again:
                 copy(n, here, x)
-                raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
+                now.next_length = next_h
+                call(plan.raise_to_rounding, any_shape(n), t, w, state, log, seg, plan, 0)
             continue
         grow = min(_GROW, SAFETY * max(e, 1e-8) ** (-0.125))
         if h >= next_h or grow < 1.0:

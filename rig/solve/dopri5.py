@@ -21,10 +21,10 @@ from rig.compiled.kernel import by_address, inlined, inner
 from rig.compiled.records import lent
 from rig.solve.column_blocks import LANE, ROUND, alike, copy, dot, lane, lanes, rounding
 from rig.solve.contact_state import apply_event, project_stick
-from rig.solve.forces import derivative, inputs, right_hand_side
+from rig.solve.forces import inputs, right_hand_side
 from rig.solve.places import PART, add_powers, inputs_at, row_times, states_at, write_output_quartic, write_quartic
 from rig.solve.roots import NONE, first_crossing
-from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
+from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, derivative, patch_friction, stage
 from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic, quartic_coefficients
 from rig.solve.specialised import any_shape, call, local, state_count
 
@@ -331,9 +331,10 @@ def raise_scales(x, rates, count, step, size):
             size[i] = max(size[i], _LEAST * top)
 
 
-@inner
-def raise_to_rounding(t, mode_set, w, x, h, tolerance):
-    """Raise the scale of each state so far that `tolerance` times it is not below the rounding error of a step h.
+@by_address
+def raise_to_rounding(shape, t, w, state, log, seg, plan, ticks):
+    """Raise the scale of each state so far that the tolerance times it is not below the rounding error of a step h,
+    the next one; a part (rig.solve.specialised).
 
     Near an equilibrium large forces balance, and the largest value of a speed so far may itself be rounding. The terms
     of the rates give an absolute scale: each rate has the rounding error r of its terms, and couplings pass it on,
@@ -341,9 +342,11 @@ def raise_to_rounding(t, mode_set, w, x, h, tolerance):
     propagation counts like such a cell, because the sum is a bound only while |A| h is small. Only a refused step needs
     the scale.
     """
+    mode_set, x = t.mode_set_of[state.progress[0].key], state.x
     n, size, error, sources = x.shape[0], w.size, w.y, w.y2
-    h = min(h, t.step[0] / 2.0 ** t.depth[mode_set])
-    inputs(t, mode_set, x, w.T, w.scratch)
+    h = min(state.progress[0].next_length, t.step[0] / 2.0 ** t.depth[mode_set])
+    copy(n, x, w.at)
+    call(plan.inputs_of_state, any_shape(n), t, w, state, log, seg, plan, 0)
     for i in range(n):
         sources[i] = h * (rounding(t.A[mode_set, i], x) + rounding(t.b[mode_set, i], w.T))
         error[i] = 0.0
@@ -354,7 +357,8 @@ def raise_to_rounding(t, mode_set, w, x, h, tolerance):
             for j in range(n):
                 error[i] += h * abs(t.A[mode_set, i, j]) * w.at[j] / (order + 1.0)
     for i in range(n):
-        size[i] = max(size[i], error[i] / tolerance)
+        size[i] = max(size[i], error[i] / plan.tolerance)
+    return 0
 
 
 @inner
@@ -496,7 +500,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     copy(n, x, here)
     copy(n, w.k[0], k[0])
     if hoped == 0.0:
-        derivative(shape, f, True, here, k[0])
+        derivative(shape, f, True, here, k[0], t, w, state, log, seg, plan)
         copy(n, k[0], w.k[0])
         raise_scales(x, w.k[0], t.damping.shape[1], min(tick_length, next_h) if graded else tick_length, size)
     ends = ENDED
@@ -512,7 +516,8 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
                 ends = FAILED
                 break
             copy(n, here, x)
-            raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
+            now.next_length = next_h
+            call(plan.raise_to_rounding, any_shape(n), t, w, state, log, seg, plan, 0)
             continue
         grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing

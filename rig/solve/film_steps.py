@@ -219,7 +219,7 @@ def _interpolated_rows(own, x, anew):
     return travel >= -_EDGE and travel <= own.longest + _EDGE
 
 
-@inlined
+@inner
 def locate_points(own, x, anew):
     """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off.
 
@@ -491,7 +491,7 @@ def contact_forces(own, x, travelled, h):
     return opened
 
 
-@inlined
+@inner
 def sum_over_points(own, x, opened):
     """Update the sums over the points."""
     first, points = own.first + own.kick.shape[0], own.points
@@ -509,7 +509,7 @@ def sum_over_points(own, x, opened):
     x[first + OPENINGS] += COUNTED * opened
 
 
-@inlined
+@inner
 def film_outputs(own, x, values):
     """values[output] = the outputs at x, as many as `values` holds."""
     begins, entry, value = own.begins, own.entry, own.value

@@ -46,7 +46,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import Emission, inlined, inner, kernel
+from rig.compiled.kernel import Emission, by_address, inlined, inner, kernel
 from rig.solve.column_blocks import LANE, alike, between, dot, is_zero, lane, lanes, sparse_dot, write
 from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
@@ -496,6 +496,13 @@ def inputs(t, mode_set, x, T, scratch):
     late_products(t, mode_set, x, T)
 
 
+@by_address
+def inputs_of_state(shape, t, w, state, log, seg, plan, ticks):
+    """Write the inputs at w.at to w.T; a part (rig.solve.specialised)."""
+    inputs(t, t.mode_set_of[state.progress[0].key], w.at, w.T, w.scratch)
+    return 0
+
+
 class MemoryTables(NamedTuple):
     """Scratch for laws with memory; of length zero if there is none."""
 
@@ -586,13 +593,36 @@ def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, memory, 
 
 
 @inlined
-def derivative(shape, f, nonlinear, x, k):
-    """The derivative k = A x + b T(x). `nonlinear`: False for a system that is linear in every mode set (T = 0).
+def needs_inputs(shape, f):
+    """Whether the derivative needs all inputs. Otherwise each friction force depends on the state alone."""
+    return has_products(shape) or f.coupled
 
-    If no friction force depends on another one, as on most rigs, the friction forces are not stored in memory.
-    """
+
+@inlined
+def rates_without_inputs(shape, f, x, k):
+    """Write A x to k."""
+    for i in range(state_count(shape)):
+        s = 0.0
+        for j in range(state_count(shape)):
+            s += f.A[i, j] * x[j]
+        k[i] = s
+
+
+@inlined
+def derivative_by_state(shape, f, nonlinear, x, k):
+    """The derivative k of a rig that does not need all inputs, whose friction forces are not stored in memory."""
+    rates_without_inputs(shape, f, x, k)
+    if nonlinear:
+        for p in range(f.sigma.shape[0]):
+            force = friction_force(f, p, x, 0.0)
+            for i in range(state_count(shape)):
+                k[i] += f.b[i, p] * force
+
+
+@inlined
+def derivative_by_inputs(shape, f, x, k):
+    """The derivative k = A x + b T with the inputs T = f.T."""
     if has_products(shape) and f.t.A_entries.shape[1]:
-        inputs(f.t, f.mode_set, x, f.T, f.scratch)
         for i in range(state_count(shape)):
             s = sparse_dot(f.A[i], f.t.A_entries[f.mode_set, i], x)
             entries = f.t.b_entries[f.mode_set, i]  # one sum, in the order of the dense rows: their bits
@@ -601,32 +631,7 @@ def derivative(shape, f, nonlinear, x, k):
                 s += f.b[i, at] * f.T[at]
             k[i] = s
         return
+    rates_without_inputs(shape, f, x, k)
     for i in range(state_count(shape)):
-        s = 0.0
-        for j in range(state_count(shape)):
-            s += f.A[i, j] * x[j]
-        k[i] = s
-    if nonlinear:
-        if not (has_products(shape) or f.coupled):
-            for p in range(f.sigma.shape[0]):
-                force = friction_force(f, p, x, 0.0)
-                for i in range(state_count(shape)):
-                    k[i] += f.b[i, p] * force
-        else:
-            inputs(f.t, f.mode_set, x, f.T, f.scratch)
-            for i in range(state_count(shape)):
-                for p in range(f.T.shape[0]):
-                    k[i] += f.b[i, p] * f.T[p]
-
-
-@inlined
-def guard_at(shape, f, nonlinear, g, x):
-    """The value of guard g at x."""
-    value = 0.0
-    for j in range(state_count(shape)):
-        value += f.G[g, j] * x[j]
-    if nonlinear:
-        if f.guard_needs_inputs[g]:
-            inputs(f.t, f.mode_set, x, f.T, f.scratch)
-            value += dot(f.GT[g], f.T)
-    return value
+        for p in range(f.T.shape[0]):
+            k[i] += f.b[i, p] * f.T[p]

@@ -144,7 +144,11 @@ class MotionPlan(NamedTuple):
     certified_cell: int  # and for a cell of a subdivided tick
     stretch: int  # a stretch in any other mode set, and
     take_steps: int  # the specialised kernel for its steps
-    whole_derivative: int  # the derivative, for rigs with more than one patch or with products
+    whole_derivative: int  # the derivative, for rigs with more than one patch or with products,
+    inputs_of_state: int  # its inputs,
+    raise_to_rounding: int  # the scales after a refused step, and
+    input_slopes_of_state: int  # of rosenbrock the slopes of the inputs
+    memory_errors: int  # and what laws with memory make of its errors
     take_cell: int  # of stiff mode sets: a cell of dopri5,
     first_event_of_fits: int  # the first event of a cell, and
     emit_graded: int  # its outputs

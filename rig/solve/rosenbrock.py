@@ -33,7 +33,6 @@ from rig.solve.dopri5 import (
     free_of_events,
     log_ticks,
     raise_scales,
-    raise_to_rounding,
     set_generators,
     step_factor,
 )
@@ -48,12 +47,11 @@ from rig.solve.forces import (
     arguments_of_memory,
     call_formula,
     coefficient,
-    derivative,
-    inputs,
+    derivative_by_state,
     right_hand_side,
     slope,
 )
-from rig.solve.specialised import call, has_products, local, local_square, state_count
+from rig.solve.specialised import any_shape, call, has_products, local, local_square, state_count
 
 STAGES = 8
 _ONE_OPERATION = 2.0**-53 / ROUND  # share of `rounding`, which allows for many
@@ -253,9 +251,8 @@ def memory_slopes(t, mode_set, p, x, T, S, coupled):
 
 @inner
 def input_slopes(t, mode_set, x, T, S, M):
-    """S [inputs, n] = dT/dx at x, and T = the inputs there. M [patch, patch] is scratch."""
+    """S [inputs, n] = dT/dx at x, where T are the inputs. M [patch, patch] is scratch."""
     f, patches, n = right_hand_side(t, mode_set, T, M), t.sigma.shape[1], x.shape[0]
-    inputs(t, mode_set, x, T, M)
     for k in range(S.shape[0]):
         for i in range(n):
             S[k, i] = 0.0
@@ -296,8 +293,17 @@ def input_slopes(t, mode_set, x, T, S, M):
         fill_slopes(t, mode_set, p.upto[1], p.upto[2], S)
 
 
+@by_address
+def input_slopes_of_state(shape, t, w, state, log, seg, plan, ticks):
+    """w.slopes [inputs, n] = dT/dx at state.x, and w.T = the inputs there; a part (rig.solve.specialised)."""
+    copy(state.x.shape[0], state.x, w.at)
+    call(plan.inputs_of_state, any_shape(state.x.shape[0]), t, w, state, log, seg, plan, 0)
+    input_slopes(t, t.mode_set_of[state.progress[0].key], state.x, w.T, w.slopes, w.scratch)
+    return 0
+
+
 @inlined
-def write_matrix(shape, f, plain, S, x, h, M):
+def write_matrix(shape, f, plain, x, h, M, t, w, state, log, seg, plan):
     """Write 1/(gamma h) - J at x to M, column after column (M[j, i] is row i, column j).
 
     `plain`: the friction forces depend on the state alone, and there are no products.
@@ -315,7 +321,8 @@ def write_matrix(shape, f, plain, S, x, h, M):
                 for i in range(n):
                     M[j, i] -= f.b[i, p] * by_state
     else:
-        input_slopes(f.t, f.mode_set, x, f.T, S, f.scratch)
+        call(plan.input_slopes_of_state, any_shape(n), t, w, state, log, seg, plan, 0)
+        S = w.slopes
         for k in range(S.shape[0]):
             for j in range(n):
                 if S[k, j] != 0.0:
@@ -416,6 +423,19 @@ def friction_error(t, mode_set, x, y, e, size, T):
     return worst
 
 
+@by_address
+def memory_errors(shape, t, w, state, log, seg, plan, ticks):
+    """Whether slip under a law with memory is lost in a step from state.x to w.y, with the local error w.rates.
+
+    If not, w.right[0] is the error of the friction over what is allowed. A part (rig.solve.specialised).
+    """
+    mode_set, x, h = t.mode_set_of[state.progress[0].key], state.x, state.progress[0].step_length
+    if slip_is_lost(t, mode_set, x, h, w.T) and slip_is_lost(t, mode_set, w.y, h, w.T):
+        return 1
+    w.right[0] = friction_error(t, mode_set, x, w.y, w.rates, w.size, w.T)
+    return 0
+
+
 @inlined
 def local_error(shape, e, y, size, tolerance):
     """The largest local error e of the step; as rig.solve.dopri5.local_error."""
@@ -471,7 +491,7 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
         copy(n, here, x)
-        write_matrix(shape, f, plain, w.slopes, x, h, M)
+        write_matrix(shape, f, plain, x, h, M, t, w, state, log, seg, plan)
         factorise(shape, M, order)
         for s in range(STAGES):
             for i in range(n):
@@ -481,7 +501,7 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
                     y[i] += A[s, j] * u[j, i]
                     right[i] += C[s, j] * u[j, i]
             if inside:
-                derivative(shape, f, True, y, rates)
+                derivative_by_state(shape, f, True, y, rates)
             else:
                 copy(n, y, w.at)
                 call(plan.whole_derivative, shape, t, w, state, log, seg, plan, 0)
@@ -496,16 +516,20 @@ def take_implicit_steps(shape, t, w, state, log, seg, plan, ticks):
         e = local_error(shape, u[STAGES - 1], y, size, plan.tolerance)
         now.trials += 1
         if remembers and e <= 1.0:
-            if slip_is_lost(t, mode_set, here, h, w.T) and slip_is_lost(t, mode_set, y, h, w.T):
+            now.step_length = h
+            copy(n, y, w.y)
+            copy(n, u[STAGES - 1], w.rates)
+            if call(plan.memory_errors, any_shape(n), t, w, state, log, seg, plan, 0):
                 ends = ROUNDED
                 break
-            e = max(e, friction_error(t, mode_set, here, y, u[STAGES - 1], size, w.T))
+            e = max(e, w.right[0])
         if not (e <= 1.0):
             next_h = h * max(SHRINK, SAFETY * e ** (-0.2))
             if next_h < 1e-14 * tick_length or now.trials > most:
                 ends = FAILED
                 break
-            raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
+            now.next_length = next_h
+            call(plan.raise_to_rounding, any_shape(n), t, w, state, log, seg, plan, 0)
             continue
         grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing

@@ -16,8 +16,15 @@ from numpy.typing import NDArray
 
 from rig.compiled.kernel import by_address, fused, inlined, inner
 from rig.solve.column_blocks import LANE, add_along, along, copy, is_zero, lanes, write
-from rig.solve.forces import STRIBECK, derivative, inputs, law_force, right_hand_side
-from rig.solve.specialised import call, has_products, is_unrolled, local, state_count
+from rig.solve.forces import (
+    STRIBECK,
+    derivative_by_inputs,
+    derivative_by_state,
+    law_force,
+    needs_inputs,
+    right_hand_side,
+)
+from rig.solve.specialised import any_shape, call, has_products, is_unrolled, local, state_count
 
 Array = NDArray[np.float64]
 
@@ -125,11 +132,26 @@ def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
     if plan.many_states:
         n, field = w.at.shape[0], t.many_states.field[mode_set]
         along(field[:n], w.at, w.rates)  # does not wait for the inputs
-        inputs(t, mode_set, w.at, w.T, w.scratch)
+        call(plan.inputs_of_state, any_shape(n), t, w, state, log, seg, plan, 0)
         add_along(field[n:], w.T, w.rates)
     else:
-        derivative(shape, right_hand_side(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
+        f = right_hand_side(t, mode_set, w.T, w.scratch)
+        derivative(shape, f, True, w.at, w.rates, t, w, state, log, seg, plan)
     return 0
+
+
+@inlined
+def derivative(shape, f, nonlinear, x, k, t, w, state, log, seg, plan):
+    """The derivative k at x; the inputs are evaluated by a part, at w.at.
+
+    `nonlinear`: False for a system that is linear in every mode set, whose inputs are 0.
+    """
+    if nonlinear and needs_inputs(shape, f):
+        copy(state_count(shape), x, w.at)
+        call(plan.inputs_of_state, any_shape(state_count(shape)), t, w, state, log, seg, plan, 0)
+        derivative_by_inputs(shape, f, x, k)
+    else:
+        derivative_by_state(shape, f, nonlinear, x, k)
 
 
 @inlined

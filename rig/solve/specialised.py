@@ -28,7 +28,7 @@ from rig.compiled.kernel import UNFILLED_NAME, Emission
 ROWS = 8
 _WORD = ir.IntType(64)
 _FLAG = ir.IntType(1)
-_CONSTANT = re.compile(r"<(?:(\d+) (\d+)|(products|nonlinear))>")
+_CONSTANT = re.compile(r'ptrtoint \(ptr @(?:"states (\d+) (\d+)"|(products|nonlinear)) to i\d+\)')
 
 
 class KernelShape(types.Type):  # type: ignore[misc]
@@ -48,11 +48,11 @@ class KernelShape(types.Type):  # type: ignore[misc]
         """The shape for which numba compiles a kernel of this shape; None: for itself."""
         return UNFILLED if self.states else None
 
-    def whole(self, factor: int = 1, power: int = 1) -> ir.Constant:
-        """The constant factor states^power."""
+    def whole(self, module: Any, factor: int = 1, power: int = 1) -> ir.Constant:
+        """The constant factor states^power, in the code of `module`."""
         return ir.Constant(_WORD, factor * self.states**power)
 
-    def flag(self, name: str) -> ir.Constant:
+    def flag(self, module: Any, name: str) -> ir.Constant:
         """The constant `name`, products or nonlinear."""
         return ir.Constant(_FLAG, getattr(self, name))
 
@@ -61,14 +61,14 @@ class KernelShape(types.Type):  # type: ignore[misc]
 
         def constant(which: re.Match[str]) -> str:
             factor, power, name = which.groups()
-            return str(int(factor) * self.states ** int(power)) if factor else str(getattr(self, name)).lower()
+            return str(int(factor) * self.states ** int(power) if factor else int(getattr(self, name)))
 
         name = f"Shape_{self.states}_{self.products:d}_{self.nonlinear:d}"
         return _CONSTANT.sub(constant, text).replace(UNFILLED_NAME, name)
 
 
 class _Unfilled(KernelShape):
-    """The shape whose constants are names that `fill` replaces."""
+    """The shape whose constants are addresses of variables that exist nowhere; `fill` replaces them."""
 
     unfilled = None
 
@@ -76,13 +76,18 @@ class _Unfilled(KernelShape):
         types.Type.__init__(self, name=UNFILLED_NAME)
         self.states = -1
 
-    def whole(self, factor: int = 1, power: int = 1) -> ir.Constant:
-        """The name of the constant factor states^power."""
-        return ir.FormattedConstant(_WORD, f"<{factor} {power}>")
+    def whole(self, module: Any, factor: int = 1, power: int = 1) -> ir.Constant:
+        """What stands for the constant factor states^power."""
+        return _address(module, f"states {factor} {power}") if power else ir.Constant(_WORD, factor)
 
-    def flag(self, name: str) -> ir.Constant:
-        """The name of the constant `name`."""
-        return ir.FormattedConstant(_FLAG, f"<{name}>")
+    def flag(self, module: Any, name: str) -> ir.Constant:
+        """What stands for the constant `name`."""
+        return _address(module, name).trunc(_FLAG)
+
+
+def _address(module: Any, name: str) -> Any:
+    known = module.globals.get(name) or ir.GlobalVariable(module, ir.IntType(8), name)
+    return known.ptrtoint(_WORD)
 
 
 register_model(KernelShape)(models.OpaqueModel)
@@ -110,7 +115,7 @@ def _state_count(typing: Any, shape: Any) -> Emission:
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if shape.states:
-            return shape.whole()
+            return shape.whole(builder.module)
         return builder.ptrtoint(arguments[0], context.get_value_type(types.intp))
 
     return types.intp(shape), codegen
@@ -135,7 +140,7 @@ def _has_products(typing: Any, shape: Any) -> Emission:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
-        return shape.flag("products")
+        return shape.flag(builder.module, "products")
 
     return types.boolean(shape), codegen
 
@@ -147,7 +152,7 @@ def _is_nonlinear(typing: Any, shape: Any) -> Emission:
     """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
-        return shape.flag("nonlinear")
+        return shape.flag(builder.module, "nonlinear")
 
     return types.boolean(shape), codegen
 
@@ -184,7 +189,9 @@ def _on_stack(shape: Any, like: Any, rows: tuple[int, int]) -> Emission:
         lengths = [rows] * (like.ndim - 1) + [(1, 1)]
 
         def product(these: list[tuple[int, int]], factor: int = 1) -> ir.Constant:
-            return shape.whole(math.prod((factor, *(own for own, _ in these))), sum(power for _, power in these))
+            return shape.whole(
+                builder.module, math.prod((factor, *(own for own, _ in these))), sum(power for _, power in these)
+            )
 
         double = context.get_data_type(like.dtype)
         data = cgutils.alloca_once(builder, double, size=product(lengths))  # type: ignore[no-untyped-call]

@@ -13,7 +13,7 @@ from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.model.mode_sets import ModeSets
 from rig.motion.motion import Motion
-from rig.solve import rosenbrock
+from rig.solve import forces, rosenbrock
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 
@@ -97,6 +97,7 @@ def run(system, step_ms, duration, method="exact", outputs=None, **how):
 
 @kernel
 def _write_slopes(tables, loan, mode_set, x, slopes, scratch):
+    forces.inputs(tables, mode_set, x, loan.work.T, scratch)
     rosenbrock.input_slopes(tables, mode_set, x, loan.work.T, slopes, scratch)
 
 
