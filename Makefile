@@ -22,11 +22,12 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-PROCESSES := $(addprefix tests/bench/test_,in_plant.py live_checkpoint.py pace.py plant.py plant_controllers.py \
-    plant_operators.py plant_rebuilds.py recorder_outcome.py remote_runs.py runs.py triggered_run.py) \
+PROCESSES := $(addprefix tests/bench/test_,board_runs.py in_plant.py live_checkpoint.py pace.py plant.py plant_controllers.py \
+    plant_operators.py plant_rebuilds.py recorder_outcome.py remote_runs.py runs.py streams.py triggered_run.py) \
   $(addprefix tests/bus/test_,access.py processes.py session.py tickets.py wire.py) \
   $(addsuffix /test_process.py,tests tests/controllers tests/record) \
-  tests/analysis/test_lockstep_proof.py tests/controllers/test_real_process.py tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py recordings.py studies.py web_command.py web_runs.py)
+  $(addprefix tests/analysis/test_,cluster.py lockstep_proof.py) tests/cli/test_cli_tickets.py \
+  $(addprefix tests/controllers/test_,device.py real_process.py) tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py recordings.py share.py studies.py web_command.py web_runs.py)
 DAILY := not slow and not bench and not browser and not peers
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check

@@ -185,12 +185,12 @@ def grazing_fold(damping, mu_dynamic, speed_scale, low, high):
     ("damping", "mu_dynamic", "speed_scale", "multiplier"),
     [
         (5.0, 0.3, 0.002, 1e3),
-        (12.0, 0.3, 0.001, 1e8),
+        pytest.param(12.0, 0.3, 0.001, 1e8, marks=pytest.mark.slow),
         (10.0, 0.3, 0.0007, 1e10),
-        (1.4853763, 0.2266738, 0.0019961, 3e2),
+        pytest.param(1.4853763, 0.2266738, 0.0019961, 3e2, marks=pytest.mark.slow),
         (11.4, 0.231, 0.001982, 1e3),
         (1.54, 0.407, 0.005922, 1.0),
-        (1.3, 0.204, 0.003134, 1.0),
+        pytest.param(1.3, 0.204, 0.003134, 1.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_grazing_fold_is_passed_whatever_its_multiplier(tmp_path, damping, mu_dynamic, speed_scale, multiplier):

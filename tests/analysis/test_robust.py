@@ -358,6 +358,7 @@ def test_the_tolerance_of_a_free_number_has_no_unit():
     assert value.text() == "+-0.01"
 
 
+@pytest.mark.slow
 def test_a_tolerance_is_the_largest_range_that_is_held(tmp_path, small):
     found = designed(tmp_path, "two_dof", DAMPERS, None, maximise="tolerance.friction.mu", against=CONTACT, limit=LIMIT)
     assert found.worst <= 0.0
