@@ -138,9 +138,14 @@ MADE = {
 """Class -> a small result of it."""
 
 
-@pytest.mark.parametrize("name", MADE)
-def test_a_result_has_a_figure_and_an_html_form(name, tmp_path, monkeypatch):
-    result = MADE[name](tmp_path)
+@pytest.fixture(scope="module", params=MADE)
+def made(request, tmp_path_factory):
+    """The name of a class and a result of it, computed once."""
+    return request.param, MADE[request.param](tmp_path_factory.mktemp("result"))
+
+
+def test_a_result_has_a_figure_and_an_html_form(made, monkeypatch):
+    name, result = made
     assert type(result).__name__ == name
     figure = result.plot()
     assert isinstance(figure, Figure)
@@ -194,9 +199,8 @@ def test_what_a_function_of_rig_returns_is_a_result():
     assert names - NO_RESULTS <= MADE.keys()
 
 
-@pytest.mark.parametrize("name", MADE)
-def test_text_html_csv_and_json_have_the_same_tables(name, tmp_path):
-    result = MADE[name](tmp_path)
+def test_text_html_csv_and_json_have_the_same_tables(made):
+    name, result = made
     lines = [line.split() for line in result.text().splitlines()]
     for owner, table in tables(result):
         shown = re.findall(r"<tr>(.*?)</tr>", table.html())
