@@ -122,7 +122,7 @@ def plan(
         if method == "rosenbrock":
             wanted["input_slopes_of_state"] = rosenbrock.input_slopes_of_state, ANY
             wanted["memory_errors"] = rosenbrock.memory_errors, ANY
-    if nonlinear or (fixed_steps and method != "kick"):
+    if nonlinear:
         wanted["inputs_of_state"] = forces.inputs_of_state, ANY
     wanted |= {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
     if not fixed_steps:

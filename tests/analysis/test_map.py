@@ -125,5 +125,5 @@ def test_what_is_wrong_is_told():
 
 def test_a_scene_with_a_shunt_is_mapped_over_a_command(tmp_path):
     """Its system has a check with parameters of its own, which is compared between two values of the command."""
-    found = rig.map("belt_shunt", "drive.speed=0.05:0.3:2", out=tmp_path, runs=("near",), workers=1)
+    found = rig.map("belt_shunt", "drive.speed=0.05:0.3:3", out=tmp_path, runs=("near", "up"), workers=1)
     assert (found.regions > 0).all()
