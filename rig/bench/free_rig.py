@@ -231,6 +231,7 @@ class FreeRig:
         self._modes: dict[int, ModeSet] = {}
         self._rates: dict[int, Callable[[Array], Array]] = {}
         self._largest: dict[int, float] = {}
+        self._radians: dict[tuple[int, float], list[Array]] = {}
         self._stuck: dict[int, tuple[int, ...]] = {}
         self._conserved: dict[frozenset[int], Array] = {}
 
@@ -402,19 +403,20 @@ class FreeRig:
             pieces *= 2
 
     def _propagated(self, x: Array, key: int, time: float) -> Array:
-        """State x after `time` in a linear mode set: exp(A time) x by its series, in pieces of a radian."""
+        """State x after `time` in a linear mode set: exp(A time) x, whole radians of its fastest mode by powers of two
+        of the matrix of one.
+        """
         A = self.modes(key).A
-        pieces = math.ceil(self._fastest(key) * abs(time))
-        if pieces > _MOST:
-            from scipy.linalg import expm
-
-            return np.asarray(expm(A * time) @ x)
-        h = time / max(pieces, 1)
-        for _ in range(pieces):
-            term = x
-            for order in range(1, _TERMS):
-                term = (h / order) * (A @ term)
-                x = x + term
+        rate = self._fastest(key)
+        whole = int(rate * abs(time))
+        radian = math.copysign(1.0 / rate, time) if whole else 0.0
+        x = _exponential(A, x, time - whole * radian)
+        powers = self._radians.setdefault((key, radian), [])
+        for k in range(whole.bit_length()):
+            if k == len(powers):
+                powers.append(powers[-1] @ powers[-1] if k else _exponential(A, np.eye(len(A)), radian))
+            if whole >> k & 1:
+                x = powers[k] @ x
         return x
 
     def _stepped(self, x: Array, key: int, time: float, pieces: int) -> Array:
@@ -550,6 +552,15 @@ def _at_rest(system: System, x: Array) -> Array:
     out = x.copy()
     out[: system.one] = 0.0
     return out
+
+
+def _exponential(A: Array, x: Array, time: float) -> Array:
+    """exp(A time) x by its series, for at most a radian."""
+    term = x
+    for order in range(1, _TERMS):
+        term = (time / order) * (A @ term)
+        x = x + term
+    return x
 
 
 def _interpolation(place: float) -> Array:

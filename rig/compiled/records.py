@@ -7,10 +7,11 @@ that is itself a record is lent in the same way.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import struct
-from collections.abc import Iterator
 from functools import cache
+from itertools import repeat
 from typing import Any
 
 import numba
@@ -21,8 +22,11 @@ from numba.core.datamodel import models
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, intrinsic, register_model, unbox
+from numpy.typing import NDArray
 
 from rig.compiled.kernel import Emission
+
+_NOTHING = ctypes.c_char * 0
 
 
 class Lent(types.Type):  # type: ignore[misc]
@@ -47,55 +51,66 @@ class Loan:
     """A record for kernels: a named tuple of arrays (in C order), integers, floats and further records.
 
     The arrays are shared with the kernel; the numbers are copied when the Loan is made. `content`: the record. `like`:
-    a Loan of a record of the same type, which then need not be found again. The type is known before a kernel is
-    called: numba ignores what is raised while it asks for a type, and a Ctrl-C was lost there.
+    a Loan of a record of the same type, of which only the fields that are others are laid out. The type is known before
+    a kernel is called: numba ignores what is raised while it asks for a type, and a Ctrl-C was lost there.
     """
 
     def __init__(self, content: Any, like: Loan | None = None) -> None:
         self.content = content
-        self._words = np.frombuffer(b"".join(_words(content)), dtype=np.int64)
-        self.address = self._words.ctypes.data
+        before = repeat((None, b"")) if like is None else zip(like.content, like.words)
+        self.words: list[bytes] = [
+            words if field is old else _laid_out(field) for field, (old, words) in zip(content, before)
+        ]
+        self._memory = np.frombuffer(b"".join(self.words), dtype=np.int64)
+        self.address = address(self._memory)
         self._numba_type_: Lent = lent_type(content) if like is None else like._numba_type_
+
+
+def address(array: NDArray[Any]) -> int:
+    """Where the numbers of an array in C order begin in memory; `array.ctypes` takes four times as long."""
+    if not array.flags.writeable:
+        return int(array.ctypes.data)
+    return ctypes.addressof(_NOTHING.from_buffer(array.data))
 
 
 def lent_type(content: Any) -> Lent:
     """The type of a lent record."""
-    return Lent(_type_of(content))
+    return _lent(_kind(content))
 
 
-def _type_of(value: Any) -> types.Type:
-    """`numba.typeof` of a field, which takes four to six times as long: it makes the type of every array anew."""
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return types.NamedTuple([_type_of(entry) for entry in value], type(value))  # type: ignore[no-untyped-call]
-    if isinstance(value, np.ndarray) and value.flags.c_contiguous:
-        return _array_type(value.dtype, value.ndim, value.flags.writeable, value.flags.aligned)
-    return numba.typeof(value)  # type: ignore[no-untyped-call, no-any-return]
+def _kind(value: Any) -> Any:
+    """What the type of a field follows from, to be compared."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim, value.flags.writeable, value.flags.aligned
+    return (type(value), *map(_kind, value)) if isinstance(value, tuple) else numba.typeof(value)  # type: ignore[no-untyped-call]
 
 
 @cache
-def _array_type(dtype: np.dtype[Any], ndim: int, writeable: bool, aligned: bool) -> types.Array:
-    return types.Array(numba.from_dtype(dtype), ndim, "C", readonly=not writeable, aligned=aligned)
+def _lent(kind: tuple[Any, ...]) -> Lent:
+    return Lent(_type_of(kind))
 
 
-def _words(content: Any) -> Iterator[bytes]:
-    for value in content:
-        if isinstance(value, tuple):
-            yield from _words(value)
-        elif isinstance(value, np.ndarray):
-            assert value.flags.c_contiguous
-            yield struct.pack(
-                f"{5 + 2 * value.ndim}q",
-                0,
-                0,
-                value.size,
-                value.itemsize,
-                value.ctypes.data,
-                *value.shape,
-                *value.strides,
-            )
-        else:
-            assert type(value) is not bool  # a word is eight bytes
-            yield struct.pack("d" if isinstance(value, float) else "q", value)
+def _type_of(kind: Any) -> types.Type:
+    """`numba.typeof` of a field of some kind."""
+    if isinstance(kind, types.Type):
+        return kind
+    first, *rest = kind
+    if isinstance(first, type):
+        return types.NamedTuple(list(map(_type_of, rest)), first)  # type: ignore[no-untyped-call]
+    ndim, writeable, aligned = rest
+    return types.Array(numba.from_dtype(first), ndim, "C", readonly=not writeable, aligned=aligned)
+
+
+def _laid_out(value: Any) -> bytes:
+    """The words of a field."""
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous
+        at = address(value)
+        return struct.pack(f"{5 + 2 * value.ndim}q", 0, 0, value.size, value.itemsize, at, *value.shape, *value.strides)
+    if isinstance(value, tuple):
+        return b"".join(map(_laid_out, value))
+    assert type(value) is not bool  # a word is eight bytes
+    return struct.pack("d" if isinstance(value, float) else "q", value)
 
 
 @unbox(Lent)  # type: ignore[no-untyped-call, untyped-decorator]

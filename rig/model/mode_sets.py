@@ -91,7 +91,14 @@ class ModeSets:
         self._free: list[int] = []
         self._size = 0  # bytes of the largest mode set
         self.tables = empty(system, step, len(signals), read)
-        self.handle = Loan(self.tables)
+        self._handle: Loan | None = None
+
+    @property
+    def handle(self) -> Loan:
+        """The tables, lent to kernels."""
+        if self._handle is None or self._handle.content is not self.tables:
+            self._handle = Loan(self.tables, self._handle)
+        return self._handle
 
     @property
     def keys(self) -> tuple[int, ...]:
@@ -198,7 +205,6 @@ class ModeSets:
         arrays = (*new.values(), *broad.values())
         self._size = max(self._size, sum(np.asarray(array).nbytes for array in arrays))
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
-        self.handle = Loan(self.tables, self.handle)
         self.sets[at : at + 1] = [modes]
         self.sticks[at : at + 1] = [all(mode == STICK for mode in patch_modes)]
         return modes
@@ -263,7 +269,6 @@ class ModeSets:
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
         stacked["film"] = film_tables.tables(self.system, modes, self.step / self._substeps, rows, self.read)
         self.tables = t._replace(**stacked)
-        self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)
         self.sticks.append(False)
         return modes

@@ -19,6 +19,14 @@ from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
 Array = NDArray[np.float64]
 _SLOW = 1e-3  # m/s: least speed of steady slip, for scales of errors
 _SHARE = 1e-3  # of the states in steady slip, for scales of errors
+_BEHIND = (0, LANE - PART)
+_IN_PART = np.repeat([1.0, 0.0], [PART, LANE - PART])
+_QUARTERS = np.pad(np.linspace(0.0, 1.0, PART), _BEHIND)
+_SIMPSON = np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, _BEHIND)
+_PROBES = np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6))
+_NODES, _WEIGHTS = (
+    np.pad(0.5 * (a + o), (PART, 0)) for a, o in zip(np.polynomial.legendre.leggauss(LANE - PART), (1.0, 0.0))
+)
 
 
 def workspace(system: System, read: int, guards: int) -> Workspace:
@@ -26,8 +34,6 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
     n = system.n
     P = len(system.patches)
     width = -(-n // LANE) * LANE
-    beside_part = (0, LANE - PART)
-    nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
         k=zeros((7, width)),
         k16=zeros((16, width)),
@@ -60,10 +66,10 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         weights=energy_balance.WEIGHTS,
         x_at=zeros((n, LANE)),
         T_at=zeros((system.inputs, LANE)),
-        in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
-        quarters=np.pad(np.linspace(0.0, 1.0, PART), beside_part),
-        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, beside_part),
-        probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
+        in_part=_IN_PART,
+        quarters=_QUARTERS,
+        simpson=_SIMPSON,
+        probes=_PROBES,
         cell_changes=np.zeros((len(PLACES), n)),
         cell_inputs=np.zeros((len(PLACES), system.inputs)),
         cell_size=np.zeros(n),
@@ -74,8 +80,8 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         row_order=np.zeros(n, dtype=np.int64),
         right=np.zeros(n),
         slopes=np.zeros((system.inputs, n)),
-        nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
-        weights3=np.pad(0.5 * weights, (PART, 0)),
+        nodes3=_NODES,
+        weights3=_WEIGHTS,
     )
 
 

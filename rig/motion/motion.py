@@ -145,6 +145,7 @@ class Motion:
         self._collects = collects
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
+        self.loan: Loan | None = None
         self._take(made)
         self.state = MotionState(
             progress=np.zeros(1, dtype=PROGRESS),
@@ -188,7 +189,7 @@ class Motion:
         self._lend()
 
     def _lend(self) -> None:
-        self.loan = Loan(MotionRecords(self.work, self.state, self.log, self.segments, self.plan))
+        self.loan = Loan(MotionRecords(self.work, self.state, self.log, self.segments, self.plan), self.loan)
 
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; existing segments are kept."""

@@ -12,6 +12,7 @@ vectors; results stay the same.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable
 from functools import partial
@@ -26,6 +27,7 @@ from numba.extending import intrinsic, lower_builtin, register_model
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import Emission, fused, inlined, inner
+from rig.compiled.records import address
 
 Array = NDArray[np.float64]
 ROUND = 64.0 * 2.2e-16  # rounding error of a product of rows, over the sum of the absolute values
@@ -259,9 +261,9 @@ def zeros(shape: int | tuple[int, ...]) -> Array:
 
     Vectors that straddle two cache lines take twice as long.
     """
-    count = int(np.prod(shape))
+    count = shape if isinstance(shape, int) else math.prod(shape)
     room = np.zeros(count + LANE)
-    first = -(room.ctypes.data // room.itemsize) % LANE
+    first = -(address(room) // room.itemsize) % LANE
     return room[first : first + count].reshape(shape)
 
 
