@@ -38,7 +38,6 @@ from rig.solve.records import CLOSED
 from rig.stability.linearisation import (
     explicit_inputs,
     inputs,
-    linearised,
     moving_states,
     own_law,
     settled,
@@ -59,7 +58,9 @@ _FINE = 1e-10  # estimated error of steps that are then extrapolated
 _MOST = 64  # steps in the rest of a tick
 _TERMS = 24  # of the exponential series, over a radian
 _AFTER_END = 4  # ticks beyond the end: the state between two of them follows from as many on both sides
-_RESOLVED = 0.1  # radians of the fastest mode in a tick: then such an interpolation is exact to 1e-11
+_SMOOTH = 1e-8  # of the change of a state: where the inner ticks tell it as well, all of them tell it to 1e-11
+_ROUNDED = 1e-14  # of a state
+_RESOLVED = 0.1  # radians of the fastest mode in a tick: the same for a contact with memory
 _ROUNDING = 1e-3  # ns, of a time
 _NOTHING = 1e-12  # of the largest change of a quantity: it is conserved
 _NODES = np.arange(2.0 * _AFTER_END)
@@ -467,12 +468,11 @@ class FreeRig:
             key = motion.mode_sets.keys[int(motion.mode_sets_of_states[count - 1])]
             done += count
         if between:
-            near = slice(-2 * _AFTER_END, None)
-            last = motion.states[near]
-            sets = motion.mode_sets_of_states[near]
-            if not (len(last) == 2 * _AFTER_END and (sets == sets[0]).all() and self._slow(key, last)):
+            sets = motion.mode_sets_of_states[-2 * _AFTER_END :]
+            beside = self._interpolated(motion.states[-2 * _AFTER_END :], key, _AFTER_END - 1 + rest / step)
+            if beside is None or (sets != sets[0]).any():
                 return self.carried(x, time, keep, beyond=False)
-            end = _interpolation(_AFTER_END - 1 + rest / step) @ last
+            end = beside
         elif rest:
             end = self.within(end, key, rest)
         met = tuple(event for event in events if event[0] <= ticks * step)
@@ -481,17 +481,19 @@ class FreeRig:
         series = np.concatenate(values).T if values else np.zeros((len(self.outputs), 0))
         return Carried(end, first, key, met, np.concatenate(states), series)
 
-    def _slow(self, key: int, states: Array) -> bool:
-        """Whether eight ticks resolve every mode of a mode set, with the slope of the friction laws at their states."""
-        rates = [self._fastest(key)]
-        modes = self.modes(key)
-        settles = self.system.remembers  # bristles that are faster follow the slip speed
-        if modes.nonlinear.any() and not settles and rates[0] * self.step < _RESOLVED:
-            law = own_law(self.system, modes)
-            for x in states[:: len(states) // 2 - 1]:
-                A = linearised(self.system, modes, x, law)[0]
-                rates.append(float(np.abs(np.linalg.eigvals(A)).max()))
-        return max(rates) * self.step < _RESOLVED
+    def _interpolated(self, states: Array, key: int, place: float) -> Array | None:
+        """The state at a place between the middle ones of eight ticks [8, n], by their polynomial.
+
+        None where they do not resolve the motion: without the outermost two the polynomial would tell another state.
+        """
+        if len(states) < 2 * _AFTER_END:
+            return None
+        value = _weights(place, 0) @ states
+        if self.system.remembers:  # bristles that are faster follow the slip speed
+            return value if self._fastest(key) * self.step < _RESOLVED else None
+        apart = np.abs(_weights(place - 1.0, 1) @ states[1:-1] - value)
+        smooth = _SMOOTH * np.ptp(states, axis=0) + _ROUNDED * np.abs(value)
+        return value if (apart <= smooth).all() else None
 
     def _fastest(self, key: int) -> float:
         """The largest rate [1/s] of a mode set."""
@@ -563,8 +565,9 @@ def _exponential(A: Array, x: Array, time: float) -> Array:
     return x
 
 
-def _interpolation(place: float) -> Array:
+def _weights(place: float, left_out: int) -> Array:
     """Weights of equidistant values 0, 1, 2, ... for the value at a place between them (Lagrange)."""
-    away = np.tile(place - _NODES, (len(_NODES), 1))
+    count = 2 * (_AFTER_END - left_out)
+    away = np.tile(place - _NODES[:count], (count, 1))
     np.fill_diagonal(away, 1.0)
-    return np.asarray(np.prod(away / _APART, axis=1))
+    return np.asarray(np.prod(away / _APART[:count, :count], axis=1))

@@ -282,19 +282,6 @@ class Threshold:
 
         return np.asarray(Path(self.curve).contains_points(starts), dtype=np.bool_)
 
-    def distance(self, starts: Array) -> Array:
-        """Return the distance of starts [n, 2] from the closed curve, over its range in each state."""
-        size = np.ptp(self.curve, axis=0)
-        a = self.curve[:-1] / size
-        b = self.curve[1:] / size
-        chords = b - a
-        out = np.empty(len(starts))
-        for i, start in enumerate(starts / size):
-            share = np.clip(np.sum((start - a) * chords, axis=1) / np.sum(chords**2, axis=1), 0.0, 1.0)
-            nearest = a + share[:, None] * chords
-            out[i] = np.sqrt(np.sum((nearest - start) ** 2, axis=1).min())
-        return out
-
     def slides(self, moving: Array) -> bool:
         """Return whether the motion from these moving states comes to slide, by simulation."""
         return self._slides(self._state(moving))
