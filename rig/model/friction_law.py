@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
@@ -197,6 +197,14 @@ class Law:
         change = float(slope_at(self.code, self.row(), speed))
         self._require_finite("slope", change, speed)
         return change
+
+    def tangent(self) -> Callable[[float, float], tuple[float, float]]:
+        """`mu` and `slope` together, as a function of slip speed and load that is called many times."""
+        if self.formula is not None:
+            return lambda speed, load: (self.mu(speed, load), self.slope(speed, load))
+        code = self.code
+        row = self.row()
+        return lambda speed, _: (float(coefficient_at(code, row, speed)), float(slope_at(code, row, speed)))
 
     def steady(self, speed: float, N: float) -> Array:
         """The internal states in steady slip at `speed` > 0 [m/s] under the load N [N], see `Formula.steady`."""

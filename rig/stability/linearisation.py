@@ -159,14 +159,13 @@ class _Found(NamedTuple):
 
 def own_law(system: System, modes: ModeSet) -> Contact:
     """The friction of slipping patches by their own law; for w of the other sign the value at rest."""
-    laws = [system.law(p, modes.key) for p in range(len(system.patches))]
+    laws = [system.law(p, modes.key).tangent() for p in range(len(system.patches))]
+    sigmas = modes.sigma.tolist()
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
-        sigma = float(modes.sigma[p])
-        law = laws[p]
-        v = max(sigma * w, 0.0)
-        mu = law.mu(v, N)
-        return sigma * mu * N, law.slope(v, N) * N, sigma * mu
+        sigma = sigmas[p]
+        mu, slope = laws[p](max(sigma * w, 0.0), N)
+        return sigma * mu * N, slope * N, sigma * mu
 
     return contact
 
