@@ -23,6 +23,7 @@ import rig
 from rig import results
 from rig.analysis import recorded
 from rig.analysis.cycles.motion_measures import Setting
+from rig.analysis.robust import design
 from rig.cli import app
 from rig.errors import RigError, SceneError, UsageError
 from rig.printable import with_unit
@@ -88,6 +89,12 @@ def compared(folder):
     return rig.diff(rig.simulate("belt", 0.5), rig.simulate(rig.load("belt", {"load.force": "15 N"}), 0.5))
 
 
+def robust(folder):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(design, "AUDIT", 300)  # of 10,000 rigs
+        return rig.optimise("belt", None, "modes.growth", against={"drive.speed": "+-5 %"}, out=folder, workers=1)
+
+
 MADE = {
     "Scene": lambda folder: rig.load("pendulum"),
     "Run": lambda folder: golden("pendulum"),
@@ -111,9 +118,7 @@ MADE = {
     "SearchResult": lambda folder: rig.optimise(
         "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, out=folder, workers=1
     ),
-    "RobustResult": lambda folder: rig.optimise(
-        "belt", None, "modes.growth", against={"drive.speed": "+-5 %"}, out=folder, workers=1
-    ),
+    "RobustResult": robust,
     "Compared": compared,
     "AgainstScene": lambda folder: rig.diff(
         golden("belt"),

@@ -319,20 +319,21 @@ class System:
 
     def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
         """The modes of a mode set, from its key: of patches, normal forces, limiters, sectors, switches."""
-        if key not in self._decoded:
+        known = self._decoded.get(key)
+        if known is None:
+            parts = []
             rest = key
-            modes = []
-            for radix in self.radices:
-                modes.append(rest % radix)
-                rest //= radix
+            radices = iter(self.radices)
+            for owners in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
+                modes = []
+                for radix in itertools.islice(radices, len(owners)):
+                    modes.append(rest % radix)
+                    rest //= radix
+                parts.append(modes)
+            known = parts[0], parts[1], parts[2], parts[3], parts[4]
             self._decoded.clear()  # the same key is asked for many times in a row
-            self._decoded[key] = modes
-        modes = self._decoded[key]
-        out = []
-        for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
-            out.append(modes[: len(parts)])
-            modes = modes[len(parts) :]
-        return out[0], out[1], out[2], out[3], out[4]
+            self._decoded[key] = known
+        return known
 
     def stuck(self, key: int) -> tuple[int, ...]:
         """The patches that stick in a mode set while a normal force presses them."""
@@ -341,7 +342,7 @@ class System:
         return tuple(p for p, mode in enumerate(patches) if mode == STICK and p in loaded)
 
     @cached_property
-    def _decoded(self) -> dict[int, list[int]]:
+    def _decoded(self) -> dict[int, tuple[list[int], list[int], list[int], list[int], list[int]]]:
         """The modes of the last key."""
         return {}
 
@@ -368,13 +369,18 @@ class System:
 
     def change(self, sectors: Sequence[int]) -> Change:
         """The sum of what these sectors add."""
-        nq = len(self.coordinates)
         changes = [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
-        none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
+        if not changes:
+            return self._no_change
         sums = []
-        for part in vars(none):
-            sums.append(sum((getattr(change, part) for change in changes), getattr(none, part)))
+        for part, none in vars(self._no_change).items():
+            sums.append(sum((getattr(change, part) for change in changes), none))
         return Change(*sums)
+
+    @cached_property
+    def _no_change(self) -> Change:
+        nq = len(self.coordinates)
+        return Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
 
     def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""
