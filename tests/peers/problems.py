@@ -317,7 +317,7 @@ PROBLEMS = {
         measure="height of the first point at 0.2 s",
         unit="m",
         exact=points.exact,
-        by="explicit method of order 8 at 1e-12",
+        by="multistep method of variable order at 1e-12",
         ours=_points,
         tolerance=1e-9,
     ),
