@@ -94,6 +94,10 @@ class Section(BaseModel):
         """
         return self
 
+    def comparable(self, other: Self) -> bool:
+        """Whether a state of the same name means the same motion in a plant with the parameters `other`."""
+        return True
+
 
 class Hand(NamedTuple):
     """A value that matters to a person at the bench, as a slider.

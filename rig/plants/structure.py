@@ -69,6 +69,12 @@ class Parameters(Tables):
         """See `Section.continuing`: the reduced structure keeps its basis."""
         return self.on_basis(basis_in_run(self, begun))
 
+    def comparable(self, other: Self) -> bool:
+        """See `Section.comparable`: coordinates of a reduced structure mean motions of its basis."""
+        own = Given(self)
+        of_other = Given(other)
+        return own.reduction.kind == of_other.reduction.kind == "whole" or own.alike(of_other)
+
     @property
     def stated(self) -> Stated | None:
         """What is stated of mass, contacts and bodies; None for typed matrices."""

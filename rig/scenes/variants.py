@@ -135,22 +135,25 @@ def _closes(scene: Scene, key: str) -> str:
     )
 
 
-def without(scene: Scene, keys: Keys) -> Scene:
-    """The scene without some tables or values, and what reads them. Raises SceneError where the plant needs them."""
-    return _changed(scene, dict.fromkeys(keys))
+def without(scene: Scene, keys: Keys, at_its_states: bool = False) -> Scene:
+    """The scene without some tables or values, and what reads them. Raises SceneError where the plant needs them.
+
+    `at_its_states`: to be judged at the states of `scene`; raises SceneError where they would mean other motions too.
+    """
+    return _changed(scene, dict.fromkeys(keys), at_its_states)
 
 
-def added(scene: Scene, keys: Keys, of_others: bool = False) -> tuple[Scene, str]:
+def added(scene: Scene, keys: Keys, of_others: bool = False, at_its_states: bool = False) -> tuple[Scene, str]:
     """The scene with tables or values that it lacks, and where these are from.
 
     That is a shipped scene of the same plant, or "" for an effect that has no numbers of its own. `of_others`: or a
     scene of another plant; limits that no scene has are put at twice the value that they limit (""). Raises SceneError
-    where there are none, or none that go with this scene.
+    where there are none, or none that go with this scene. `at_its_states`: as for `without`.
     """
     fault = SceneError(scene.name, [f"no shipped scene {'' if of_others else 'of this plant '}has it"])
     for values, like in _offered(scene, keys, of_others):
         try:
-            return _changed(scene, values), like
+            return _changed(scene, values, at_its_states), like
         except SceneError as error:
             fault = fault if like == "" else error
     raise fault
@@ -191,13 +194,15 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
 _parameters = cache(loader.parameters)
 
 
-def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
+def _changed(scene: Scene, values: dict[str, Any], at_its_states: bool) -> Scene:
     raw = scene.parameters.model_dump()
     for key, value in values.items():
         *path, last = key.split(".")
         lookup(raw, path)[last] = value
     try:
         parameters: Section = type(scene.parameters).model_validate(without_none(raw))
+        if at_its_states and not parameters.comparable(scene.parameters):
+            raise SceneError(scene.name, ["states of the same name would mean other motions"])
         changed = replace(scene, parameters=parameters)
         outputs = changed.assemble().outputs
     except ValidationError as error:

@@ -464,6 +464,14 @@ def test_a_recording_is_verified_without_the_files_and_the_store(disc, tmp_path,
         away.rename(disc)
 
 
+def test_a_table_without_which_the_basis_is_another_one_is_not_judged_by_states_on_it(disc):
+    """The attachment vectors of its places belong to the basis: without the load q1 would be another motion."""
+    of_files = rig.simulate(scenes.load(written(disc, FE, "judged")), 0.001)
+    typed = rig.simulate("structure", 0.001)
+    for run, judged in ((of_files, False), (typed, True)):
+        assert ("load" in {line["effect"] for line in run.summary["audit"]}) == judged
+
+
 def test_faults_of_files_and_nodes_are_reported_together(disc):
     (disc / "half.mtx").write_text("%%MatrixMarket matrix coordinate real general\n14148 14148 1\n1 2 5.0\n")
     wrong = FE | {

@@ -295,7 +295,7 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
         return variant
 
     for name, keys in dropped(scene).items():
-        variant = rigs(partial(without, keys=keys))
+        variant = rigs(partial(without, keys=keys, at_its_states=True))
         owner = name.removesuffix(" limits")
         try:
             other, _ = variant(scene)
@@ -303,7 +303,7 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
                 part = max(comparison.share(variant), _lifted(motion, other))
             else:
                 part = max(clamped.get(owner, 0.0), witness.history.at_limit(owner))
-        except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
+        except (RigError, ValueError):  # the plant needs it, the method too, or without it states mean other motions
             continue
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
         yield JudgedEffect(name, True, part, *judged, open=switch, unjudged=unjudged(name, part))
@@ -312,8 +312,8 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
         if about[name].hardware:
             continue
         try:
-            _, like = added(scene, keys)
-            variant = rigs(lambda of, keys=keys: added(of, keys)[0])  # type: ignore[misc]
+            _, like = added(scene, keys, at_its_states=True)
+            variant = rigs(lambda of, keys=keys: added(of, keys, at_its_states=True)[0])  # type: ignore[misc]
             other, _ = variant(scene)
             if name.endswith(" limits"):
                 part = witness.history.at_limit(name.removesuffix(" limits"), variant)
