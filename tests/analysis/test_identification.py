@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -487,13 +488,20 @@ DRIVEN = {"body.stiffness": 2700.0, "body.damping": 6.0, "friction.mu_dynamic": 
 SHAKEN = {"load.force": {"reads": "load.force"}, "laser": {"reads": "displacement"}}
 
 
-def shaken(seed, noise="0.01 N/Hz^0.5"):
-    own = SLIDING | DRIVEN | {"noise.force": noise, "seed": seed}
-    run = rig.simulate(rig.load("belt", own), 60.0, controllers={"shaker": Shaker(seed)})
-    return {"run": run, "kind": "response", "name": "shaken", "columns": SHAKEN}
+@pytest.fixture(scope="module")
+def shaken():
+    """seed -> a response to noise, made once."""
+
+    @cache
+    def made(seed):
+        own = SLIDING | DRIVEN | {"noise.force": "0.01 N/Hz^0.5", "seed": seed}
+        run = rig.simulate(rig.load("belt", own), 60.0, controllers={"shaker": Shaker(seed)})
+        return {"run": run, "kind": "response", "name": "shaken", "columns": SHAKEN}
+
+    return made
 
 
-def test_a_frequency_response_identifies_stiffness_damping_and_friction():
+def test_a_frequency_response_identifies_stiffness_damping_and_friction(shaken):
     """A rig that slides steadily while its load is noise; as much process noise as the load itself drives."""
     free = {key: (0.3 * value, 3.0 * value) for key, value in DRIVEN.items()}
     inside = []
@@ -511,6 +519,6 @@ def test_a_frequency_response_identifies_stiffness_damping_and_friction():
 
 
 @pytest.mark.parametrize("columns", [{"laser": SHAKEN["laser"]}, {"load.force": SHAKEN["load.force"]}])
-def test_a_frequency_response_needs_an_input_and_an_output(columns):
+def test_a_frequency_response_needs_an_input_and_an_output(columns, shaken):
     with pytest.raises(UsageError, match="one column that reads what drives the rig"):
         rig.identify("belt", [shaken(1) | {"columns": columns}], {"body.stiffness": (500.0, 9000.0)})
