@@ -70,7 +70,7 @@ def address(array: NDArray[Any]) -> int:
     """Where the numbers of an array in C order begin in memory; `array.ctypes` takes four times as long."""
     if not array.flags.writeable:
         return int(array.ctypes.data)
-    return ctypes.addressof(_NOTHING.from_buffer(array.data))
+    return ctypes.addressof(_NOTHING.from_buffer(array))  # type: ignore[arg-type]
 
 
 def lent_type(content: Any) -> Lent:

@@ -69,18 +69,18 @@ def _rate(rig: FreeRig, key: int) -> Callable[[Array], Array]:
 
         return whole
     contacts = [
-        (p, modes.b[:, p], system.slip_rows[p], modes.load[p]) for p in np.flatnonzero(modes.nonlinear).tolist()
+        (p, modes.b[:, p, None], np.stack([system.slip_rows[p], modes.load[p]]))
+        for p in np.flatnonzero(modes.nonlinear).tolist()
     ]
 
     def rate(Y: Array) -> Array:
         out = modes.A @ Y
-        for p, force, slip, load in contacts:
-            w = slip @ Y
-            N = load @ Y
+        for p, force, rows in contacts:
+            w, N = rows @ Y
             T, by_speed, by_load = law(p, float(w[0]), float(N[0]))
             change = by_speed * w + by_load * N
             change[0] = T
-            out += np.outer(force, change)
+            out += force * change
         return np.asarray(out)
 
     return rate
