@@ -97,19 +97,25 @@ class Place:
     def known_multipliers(self) -> tuple[tuple[complex, ...], float]:
         """Floquet multipliers as well as they can be known, and their accuracy, relative to the larger of 1 and each.
 
-        Of a motion without events they come from its variational equation, whose error that of the shift tells. Of
-        others, and of forced motions, the accuracy is the distance between two ways to compute them.
+        Of a motion without events they come from its variational equation, whose error that of the shift tells, and
+        where the motion has to be closed, by how much that moves them for what it still misses. Of others, and of
+        forced motions, the accuracy is the distance between two ways to compute them.
         """
         values, _ = self.multipliers
         if not any(values):
             return values, 0.0
         integrated = self._variational(self.u) if not self.end.events else None
-        if integrated is not None and np.abs(integrated[0]).max() > _MISSES:
+        missed = 0.0 if integrated is None else float(np.abs(integrated[0]).max())
+        first = integrated
+        if integrated is not None and missed > _MISSES:
             integrated = self._variational(self._closer(*integrated))
-        if integrated is not None:
+        if integrated is not None and first is not None:
             exact, error = self._multipliers(integrated[1])
             if not error > _UNSURE:
-                return exact, max(_SURE * error if error == error else _apart(values, exact), _LEAST)
+                moved = _apart(self._multipliers(first[1])[0], exact)
+                left = moved * float(np.abs(integrated[0]).max()) / max(missed, _MISSES)
+                told = error if error == error else _apart(values, exact) / _SURE
+                return exact, max(_SURE * told, _SURE * left, _LEAST)
         try:
             again = self.map.derivative(self.u, self.end, over_p=False, steps=_OTHER_STEPS)
         except FAILURES:
