@@ -379,6 +379,7 @@ class System:
 
     @cached_property
     def _no_change(self) -> Change:
+        """What no sector adds."""
         nq = len(self.coordinates)
         return Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
 

@@ -104,18 +104,17 @@ class Place:
         values, _ = self.multipliers
         if not any(values):
             return values, 0.0
-        integrated = self._variational(self.u) if not self.end.events else None
-        missed = 0.0 if integrated is None else float(np.abs(integrated[0]).max())
-        first = integrated
-        if integrated is not None and missed > _MISSES:
-            integrated = self._variational(self._closer(*integrated))
-        if integrated is not None and first is not None:
-            exact, error = self._multipliers(integrated[1])
+        first = self._variational(self.u) if not self.end.events else None
+        closed = first
+        if first is not None and np.abs(first[0]).max() > _MISSES:
+            closed = self._variational(self._closer(*first))
+        if first is not None and closed is not None:
+            exact, error = self._multipliers(closed[1])
             if not error > _UNSURE:
                 moved = _apart(self._multipliers(first[1])[0], exact)
-                left = moved * float(np.abs(integrated[0]).max()) / max(missed, _MISSES)
-                told = error if error == error else _apart(values, exact) / _SURE
-                return exact, max(_SURE * told, _SURE * left, _LEAST)
+                missed = np.abs(closed[0]).max() / max(np.abs(first[0]).max(), _MISSES)
+                by_shift = _SURE * error if error == error else _apart(values, exact)
+                return exact, max(by_shift, _SURE * float(moved * missed), _LEAST)
         try:
             again = self.map.derivative(self.u, self.end, over_p=False, steps=_OTHER_STEPS)
         except FAILURES:
