@@ -105,12 +105,20 @@ def _laid_out(value: Any) -> bytes:
     """The words of a field."""
     if isinstance(value, np.ndarray):
         assert value.flags.c_contiguous
+        if not value.size:
+            return _without_numbers(value.itemsize, value.shape, value.strides)
         at = address(value)
         return struct.pack(f"{5 + 2 * value.ndim}q", 0, 0, value.size, value.itemsize, at, *value.shape, *value.strides)
     if isinstance(value, tuple):
         return b"".join(map(_laid_out, value))
     assert type(value) is not bool  # a word is eight bytes
     return struct.pack("d" if isinstance(value, float) else "q", value)
+
+
+@cache
+def _without_numbers(itemsize: int, shape: tuple[int, ...], strides: tuple[int, ...]) -> bytes:
+    """The words of an array that has no numbers, wherever it is."""
+    return struct.pack(f"{5 + 2 * len(shape)}q", 0, 0, 0, itemsize, 0, *shape, *strides)
 
 
 @unbox(Lent)  # type: ignore[no-untyped-call, untyped-decorator]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +38,9 @@ class _Coupled(NamedTuple):
     forms: Array
 
 
+@cache
 def no_film() -> FilmTables:
-    """The tables of a rig without a film."""
+    """The tables of a rig without a film, the same for all."""
     z = np.zeros
     none = np.zeros(0, dtype=np.int64)
     return FilmTables(

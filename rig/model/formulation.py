@@ -89,8 +89,10 @@ class _Contacts:
 
 def _redundant(held: Array) -> bool:
     """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
+    if len(held) < 2:
+        return False
     sizes = np.linalg.svd(held, compute_uv=False)
-    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
+    return bool(sizes[-1] < _SINGULAR * sizes[0])
 
 
 def _contacts(system: System, key: int) -> _Contacts:

@@ -323,7 +323,8 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
         if levels:
             room[1] = max(room[1], len(entry))
         more = zeros(tuple(room)) if old.dtype == np.float64 else np.zeros(room, dtype=old.dtype)
-        more[tuple(map(slice, old.shape))] = old
+        if old.size:
+            more[tuple(map(slice, old.shape))] = old
         old = more
     if levels:
         old[mode_set, : len(entry)] = entry

@@ -6,7 +6,8 @@ B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|. This bounds the interpolation error o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,17 @@ class Tables(NamedTuple):
     step: Array  # [1] s
 
 
+_FEW_STATES = many_states_tables.empty(0, 0, 0, 0, 0)
+
+
+@cache
+def _no_rows(shape: int | tuple[int, ...], dtype: type = np.float64) -> NDArray[Any]:
+    """An array without numbers, the same for all tables."""
+    none: NDArray[Any] = np.zeros(shape, dtype)
+    assert not none.size
+    return none
+
+
 def sparse(s: System) -> dict[str, tuple[int, int]]:
     """Rows whose entries that are not zero are listed in the tables, by name, and the shape of each."""
     n = s.n
@@ -160,8 +172,7 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
             change[i, at] = addition.stiffness
     widest = friction_law.width(law for p in range(P) for law in s.laws(p))
     directions = np.array([k.direction for k in s.normals]).reshape(K, nq)
-    many_states = (n, I, g, read, S) if n > UNROLLED else (0, 0, 0, 0, 0)
-    z = np.zeros
+    z = _no_rows
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),
         used=z(0, dtype=np.int64),
@@ -236,7 +247,7 @@ def empty(s: System, step: float, signals: int, read: int) -> Tables:
         change=change,
         products=products.pack(s.products, n, P, K),
         memory=scratch_for_memory(s),
-        many_states=many_states_tables.empty(*many_states),
+        many_states=many_states_tables.empty(n, I, g, read, S) if n > UNROLLED else _FEW_STATES,
         film=film_tables.no_film(),
         step=np.array([step]),
     )

@@ -174,8 +174,11 @@ class MotionRecords(NamedTuple):
 
 
 def empty_log(rows: int, n: int, events: int = 0, collected: int = 0) -> MotionLog:
-    """A log with room for `rows` ticks of `n` states, `events` in a frame and `collected` in all frames of a call."""
-    whole = [np.zeros((count, 4), dtype=np.int64) for count in (events, collected)]
-    ticks = np.zeros(rows, dtype=np.int64)
+    """A log with room for `rows` ticks of `n` states, `events` in a frame and `collected` in all frames of a call.
+
+    Nothing is read before it is written: to clear the room would take longer than a short motion.
+    """
+    whole = [np.empty((count, 4), dtype=np.int64) for count in (events, collected)]
+    ticks = np.empty(rows, dtype=np.int64)
     none = np.zeros(1, dtype=np.int64)
-    return MotionLog(np.zeros((rows, n)), ticks, whole[0], np.zeros(events), whole[1], np.zeros(collected), none)
+    return MotionLog(np.empty((rows, n)), ticks, whole[0], np.empty(events), whole[1], np.empty(collected), none)

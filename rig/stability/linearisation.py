@@ -415,7 +415,7 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
         modes = assembled(system, key)
         near = None
         moving = moving_states(system, modes.A)
-        free = np.union1d(moving, settling(system, modes.A, moving))
+        free = np.sort(np.concatenate([moving, settling(system, modes.A, moving)]))
     else:
         modes = beside.modes
         near = beside.x
@@ -430,13 +430,14 @@ def steady(system: System, key: int, contact: Contact | None = None, beside: Ste
     slides = equilibrium.balanced and _agrees(system, modes, equilibrium)
     if not (stuck or slides):  # another search may find another equilibrium
         other = _newton(system, modes, law, free, _SHORTENED_STEPS, True)
-        if not equilibrium.balanced or (other.balanced and _agrees(system, modes, other)):
+        slides = other.balanced and _agrees(system, modes, other)
+        if slides or not equilibrium.balanced:
             equilibrium = other
     x, A, T, load, balanced = equilibrium
     speed = system.slip_rows @ x
     friction = modes.friction @ x + modes.friction_t @ T
     inertia = _inertia(system, modes, speed, load, law)
-    exists = not stuck and balanced and _agrees(system, modes, equilibrium) and inertia > 0.0
+    exists = not stuck and slides and inertia > 0.0
     beyond = _beyond(system, modes, x, T) if exists else ""
     return Steady(
         system, modes, exists and not beyond, x, A, moving, free, speed, load, friction, T, inertia, balanced, beyond
@@ -489,12 +490,13 @@ def _newton(
     A, T, load = linearised(system, modes, x, law)
     if _remember(system, modes, x, load):
         A, T, load = linearised(system, modes, x, law)
-    preloads = np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force)
-    residual, scale = _rest(preloads, modes, free, x, T)
+    # Every preload is a term of its own: A holds it combined with the contact force that balances it.
+    sizes = np.abs(modes.A), np.abs(modes.b)
+    sizes[0][nq : 2 * nq] += np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force)
+    rate, residual, scale = _rest(modes, sizes, free, x, T)
     for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
             break
-        rate = modes.A @ x + modes.b @ T
         step = np.linalg.lstsq(A[np.ix_(rows, columns)], rate[rows], rcond=1e-14)[0]
         before = residual
         share = 1.0
@@ -502,7 +504,7 @@ def _newton(
             y = x.copy()
             y[columns] -= share * step
             linearisation = linearised(system, modes, y, law)
-            residual, scale = _rest(preloads, modes, free, y, linearisation[1])
+            rate, residual, scale = _rest(modes, sizes, free, y, linearisation[1])
             if residual < before:
                 break
             share *= 0.5
@@ -547,14 +549,13 @@ def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact:
     return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
 
 
-def _rest(preloads: Array, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
-    """The largest rate of the states `free` at x, and the largest sum of the absolute values of its terms.
+def _rest(
+    modes: ModeSet, sizes: tuple[Array, Array], free: NDArray[np.int64], x: Array, T: Array
+) -> tuple[Array, float, float]:
+    """The rates of all states at x, the largest of the states `free`, and their largest sum of absolute terms.
 
-    Every preload counts as a term of its own, because the matrix holds it already combined with the contact force that
-    balances it. `preloads` [coordinate, n]: the accelerations that they cause, as absolute values.
+    `sizes`: absolute values of the terms over x and T.
     """
     rate = modes.A @ x + modes.b @ T
-    terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
-    nq = len(preloads)
-    terms[nq : 2 * nq] += preloads @ np.abs(x)
-    return float(np.abs(rate[free]).max(initial=0.0)), float(terms[free].max(initial=0.0)) or 1.0
+    terms = sizes[0] @ np.abs(x) + sizes[1] @ np.abs(T)
+    return rate, float(np.abs(rate[free]).max(initial=0.0)), float(terms[free].max(initial=0.0)) or 1.0

@@ -5,6 +5,7 @@ from ports import own_port
 
 from rig.web.server import Server
 
+pytestmark = pytest.mark.browser
 pytest.importorskip("cryptography")
 SHOWN = "return [...document.querySelectorAll('button, input')].filter((one) => one.offsetParent).map((one) => one.id)"
 
