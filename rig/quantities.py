@@ -19,7 +19,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
-from functools import partial
+from functools import lru_cache, partial
 from numbers import Integral
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
@@ -299,6 +299,7 @@ def _rising(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float],
     return rows
 
 
+@lru_cache(4096)  # each quantity of a rig is asked for, in a design of thousands of rigs
 def unit_of(section: type[BaseModel], field: str) -> str:
     """SI unit of a field of a section; "" if it has none."""
     return next((str(m) for m in section.model_fields[field].metadata if isinstance(m, Unit)), "")

@@ -68,19 +68,20 @@ def _rate(rig: FreeRig, key: int) -> Callable[[Array], Array]:
             return np.asarray(out)
 
         return whole
-    contacts = [
-        (p, modes.b[:, p, None], np.stack([system.slip_rows[p], modes.load[p]]))
-        for p in np.flatnonzero(modes.nonlinear).tolist()
-    ]
+    slipping = np.flatnonzero(modes.nonlinear).tolist()
+    n = system.n
+    rows = np.vstack([modes.A, *([system.slip_rows[p], modes.load[p]] for p in slipping)])
+    contacts = list(zip(slipping, range(n, len(rows), 2), modes.b.T[slipping, :, None]))
 
     def rate(Y: Array) -> Array:
-        out = modes.A @ Y
-        for p, force, rows in contacts:
-            w, N = rows @ Y
+        over_rows = rows @ Y
+        out = over_rows[:n]
+        for p, at, force in contacts:
+            w, N = over_rows[at : at + 2]
             T, by_speed, by_load = law(p, float(w[0]), float(N[0]))
             change = by_speed * w + by_load * N
             change[0] = T
             out += force * change
-        return np.asarray(out)
+        return out
 
     return rate

@@ -323,7 +323,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
     try:
         if key := linear_form(feedback).gain:
             gain = getattr(section, key)
-            unit = unit_of(type(section), key)
+            unit = unit_of(section.__class__, key)
             feedback = controllers.build(section.model_copy(update={key: 1.0}), values)
         (reads,) = feedback.reads
         (drives,) = feedback.drives

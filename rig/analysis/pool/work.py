@@ -184,13 +184,20 @@ def sources() -> str:
 
 def digest(scene: Scene, text: str) -> str:
     """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
-    decides = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {scene.digest} {text}".encode())
+    decides = f"{kernel.source_key()} {_sources()} {np.__version__} {scene.digest} {text}"
+    return hashlib.sha256(decides.encode()).hexdigest()[:12]
+
+
+@cache
+def _sources() -> str:
+    """A hash of the sources in `_ROOMS`."""
+    known = hashlib.sha256()
     paths: list[Path] = []
     for room in _ROOMS:
         paths += (_ROOT / room).rglob("*.py")
     for path in sorted(paths):
-        decides.update(path.name.encode() + path.read_bytes())
-    return decides.hexdigest()[:12]
+        known.update(path.name.encode() + path.read_bytes())
+    return known.hexdigest()
 
 
 @cache
