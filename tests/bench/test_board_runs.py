@@ -108,16 +108,16 @@ def test_a_board_is_in_force_again_soon_after_its_return(kind, most_s, runs, tmp
 
         def leave():
             nonlocal left_ns, returned_ns
-            while board.steps < 500:
+            while board.steps < 300:
                 time.sleep(0.01)
             board.gone.set()
-            time.sleep(1.0)
+            time.sleep(0.7)
             at, left_ns = board.last
             returned_ns = left_ns + 1e9 * (time.perf_counter() - at)
             board.gone.clear()
 
         thread = threading.Thread(target=leave)
-        outcome = supervise.run(scene, duration=2.5, out=runs / "log.mcap", begun=lambda name: thread.start())
+        outcome = supervise.run(scene, duration=1.7, out=runs / "log.mcap", begun=lambda name: thread.start())
         thread.join()
     run = rig.open(runs / "log.mcap")
     times = {}
