@@ -189,7 +189,7 @@ def grazing_fold(damping, mu_dynamic, speed_scale, low, high):
         pytest.param(12.0, 0.3, 0.001, 1e8, marks=pytest.mark.slow),
         (10.0, 0.3, 0.0007, 1e10),
         pytest.param(1.4853763, 0.2266738, 0.0019961, 3e2, marks=pytest.mark.slow),
-        (11.4, 0.231, 0.001982, 1e3),
+        pytest.param(11.4, 0.231, 0.001982, 1e3, marks=pytest.mark.slow),
         (1.54, 0.407, 0.005922, 1.0),
         pytest.param(1.3, 0.204, 0.003134, 1.0, marks=pytest.mark.slow),
     ],
