@@ -147,7 +147,7 @@ class Steady:
         return values[order].astype(np.complex128), shapes
 
 
-class _Found(NamedTuple):
+class _Point(NamedTuple):
     """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
 
     x: Array
@@ -456,7 +456,7 @@ def _beyond(system: System, modes: ModeSet, x: Array, T: Array) -> str:
     return ""
 
 
-def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
+def _agrees(system: System, modes: ModeSet, at: _Point) -> bool:
     """Whether every contact slips in the direction of its mode and is pressed."""
     return _slips(system, modes, system.slip_rows @ at.x) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
 
@@ -475,7 +475,7 @@ def _newton(
     rounds: int,
     falling: bool,
     near: Array | None = None,
-) -> _Found:
+) -> _Point:
     """Find the point where the rates of the states `free` vanish.
 
     Full steps need two rounds in most cases and also find equilibria on the way to which the residual grows first.
@@ -515,7 +515,7 @@ def _newton(
         A, T, load = linearisation
     rounding = np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])  # below the resolution of lstsq
     x[columns[rounding]] = 0.0
-    return _Found(x, A, T, load, residual <= _REST * scale)
+    return _Point(x, A, T, load, residual <= _REST * scale)
 
 
 def _remember(system: System, modes: ModeSet, x: Array, load: Array) -> bool:

@@ -67,7 +67,7 @@ class Eigenpairs:
     residual: Array
 
 
-class _Found:
+class _Gathered:
     """Eigenpairs of circles that overlap, each once."""
 
     def __init__(self) -> None:
@@ -204,7 +204,7 @@ def complex_eigenvalues(
     `told` is called with the share of the range that is done. Raises Incomplete.
     """
     pencil = (mass, damping, stiffness)
-    gathered = _Found()
+    gathered = _Gathered()
     done = max(low, LEAST * up_to)
     step = 0.4 * (up_to - low)
     aside = 0.01 * up_to
