@@ -28,7 +28,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from rig.errors import Singular
 from rig.model.formulation import ModeSet
@@ -60,6 +59,8 @@ def start_loads(system: System) -> Array:
 
 def fastest_slips(system: System) -> Array:
     """The fastest slip speed that is expected of each patch [m/s]."""
+    from scipy.linalg import eigh
+
     nq = len(system.coordinates)
     x = system.start
     loads = start_loads(system)
