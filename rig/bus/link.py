@@ -33,6 +33,8 @@ _ONE_THREAD = f"(app: (worker_threads: 1), {_OTHERS})"
 os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # Zenoh reads it when a process opens its first session
 _SOON = "tls_handshake_timeout_ms=3000"
 """Time for a handshake, in which a stranger holds one of a hundred places. # chosen"""
+CONNECT_MS = 3000
+"""Time in which a session must connect, if nothing refuses it: a busy machine answers late."""
 _LEASE_MS = 30_000
 """Time that a process may hang before the others close its connection. The death of a process is noticed at once."""
 
@@ -46,7 +48,7 @@ def configuration(mode: str, listen: str | None, connect: str | None, **more: An
         "scouting/gossip/enabled": False,
         "listen/endpoints": [listen] if listen else [],
         "connect/endpoints": [connect] if connect else [],
-        "connect/timeout_ms": 3000,
+        "connect/timeout_ms": CONNECT_MS,
         "connect/exit_on_failure": True,
         # reconnect after a process hung for longer than the lease
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},

@@ -76,7 +76,7 @@ def test_operators_tune_it_ask_it_and_are_refused_as_by_any_controller():
         me.ask("cmd/plant", {"do": "resume"}, 20.0)
         told["present"] = me.present("controller/*")
 
-    bench, heard = ran(scenes.load("belt_normal_force", IN_PLANT), meanwhile, pace=0.25, duration=1.0)
+    bench, heard = ran(scenes.load("belt_normal_force", IN_PLANT), meanwhile, pace=0.5, duration=1.0)
     assert told["list"]["units"]["gain"] == "N*s/m"
     assert "where" not in told["list"]["units"]
     assert told["set"]["gain"] == 321.0

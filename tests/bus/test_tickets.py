@@ -187,7 +187,8 @@ def test_a_user_without_a_ticket_cannot_come_by_tls(hosted, tmp_path):
             session.ask("scene", {}, timeout=0.5)
 
 
-def test_a_wrong_password_is_told(hosted, tmp_path):
+def test_a_wrong_password_is_told(hosted, tmp_path, monkeypatch):
+    monkeypatch.setattr("rig.bus.link.CONNECT_MS", 500)
     with pytest.raises(BusError, match=r"run far refuses the user, the password or the certificate of .*: copy the"):
         _join(_altered(hosted, tmp_path, password="wrong"))
 
