@@ -518,7 +518,11 @@ def test_a_study_of_random_starts_gives_the_share_that_comes_to_slide(bstab, tmp
 
 @pytest.mark.parametrize(
     ("extra", "ratio"),
-    [pytest.param(40.0, 0.0516059, marks=pytest.mark.slow), (10.0, 0.0112147), (5.0, 0.0055443)],
+    [
+        pytest.param(40.0, 0.0516059, marks=pytest.mark.slow),
+        (10.0, 0.0112147),
+        pytest.param(5.0, 0.0055443, marks=pytest.mark.slow),
+    ],
 )
 def test_largest_damping_with_stick_slip_of_an_example_of_others(tmp_path, extra, ratio):
     """Mass, spring and belt of exudyn's example; damping ratios by independent integration."""

@@ -55,13 +55,13 @@ def reference(force, speed, stiffness, threshold):
     """The published detector as its authors describe it, sample by sample."""
     v = speed - np.diff(force) * 2000.0 / stiffness
     above = v >= 10.0 * threshold
-    begins = [i for i in range(1, v.size) if above[i] and not above[i - 1]]
+    v = v.tolist()
     spans = []
-    for i in begins:
+    for i in (np.flatnonzero(above[1:] & ~above[:-1]) + 1).tolist():
         a = b = i
         while a > 0 and v[a] > threshold:
             a -= 1
-        while b < v.size - 1 and v[b] > threshold:
+        while b < len(v) - 1 and v[b] > threshold:
             b += 1
         if v[a] <= threshold and v[b] <= threshold and (a, b) not in spans:
             spans.append((a, b))

@@ -132,16 +132,16 @@ def test_loops_are_the_closed_solution(scene, law, loop):
 
 @pytest.mark.parametrize("speed", [0.0, 1e-8, 1e-5, 1e-3])
 def test_steps_of_the_speed_follow_the_closed_solution_of_the_ageing_law(scene, speed):
-    before = 2e-6
+    before, begin = 2e-6, 4.0
     steps = [
-        {"step": "hold", "time": 10.0},
+        {"step": "hold", "time": begin},
         {"step": "set", "target": "drive.speed", "to": speed},
-        {"step": "hold", "time": 10.0},
+        {"step": "hold", "time": 4.0},
     ]
-    run = rig.simulate(scene(HELD, {"law": "rate_state", **RATE}, steps, **{"drive.speed": before}), 20.0)
-    first = np.searchsorted(run.time, 10.0)
-    start = oracles.aged(0.0, before, np.array([10.0]), RATE["speed"], RATE["distance"])[0]
-    psi = oracles.aged(start, speed, run.time[first:] - 10.0, RATE["speed"], RATE["distance"])
+    run = rig.simulate(scene(HELD, {"law": "rate_state", **RATE}, steps, **{"drive.speed": before}), begin + 4.0)
+    first = np.searchsorted(run.time, begin)
+    start = oracles.aged(0.0, before, np.array([begin]), RATE["speed"], RATE["distance"])[0]
+    psi = oracles.aged(start, speed, run.time[first:] - begin, RATE["speed"], RATE["distance"])
     np.testing.assert_allclose(run.signals["contact_state"][first:], psi, atol=1e-9, rtol=0.0)
 
 

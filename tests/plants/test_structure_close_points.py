@@ -16,8 +16,16 @@ OPEN = POINTS | {"reduction.contact": "open", "reduction.residual": "attachment"
 @pytest.mark.parametrize(
     ("values", "name"),
     [
-        ({"reduction.contact": "closed", "reduction.residual": "attachment"}, "closed, as the full matrices"),
-        ({"reduction.contact": "open", "reduction.residual": "attachment"}, "open, attachments"),
+        pytest.param(
+            {"reduction.contact": "closed", "reduction.residual": "attachment"},
+            "closed, as the full matrices",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            {"reduction.contact": "open", "reduction.residual": "attachment"},
+            "open, attachments",
+            marks=pytest.mark.slow,
+        ),
         ({"reduction.contact": "open", "reduction.residual": "spring"}, "open, springs in series"),
     ],
 )
