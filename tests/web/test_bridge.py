@@ -162,7 +162,9 @@ def test_a_client_that_dies_leaves_the_run_and_the_run_goes_on(runs):
         with client_of(made) as it:
             it.ask(**ADMIT)
             for _ in range(5):
-                it.send(do="act", tick=it.get()["step"]["tick"], values=[21.0])
+                message = it.get()
+                assert "step" in message, message
+                it.send(do="act", tick=message["step"]["tick"], values=[21.0])
             it.socket.socket.close()
         wait_for(lambda: not made.clients)
         run.thread.join(PATIENCE_S)
