@@ -65,7 +65,7 @@ test: export PYTHONDONTWRITEBYTECODE = # or each of some hundred processes would
 test: tools # what computes, one thread each; then processes, which mostly wait, four at a time; then what judges time, alone
 	@OPENBLAS_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
 	@$(RUN) pytest -n 4 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
-	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
+	@$(RUN) pytest -m "$(DAILY) and alone" $$(grep -l mark.alone $(PROCESSES))
 
 test-slow: tools # some take minutes, on a busy machine several times as long
 	@$(RUN) pytest -m slow -o timeout=1800

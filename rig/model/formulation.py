@@ -378,18 +378,20 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     nq = len(system.coordinates)
     inputs = np.eye(system.inputs)
     states = np.eye(system.n)
+    none = np.zeros(system.inputs)
+    no_state = np.zeros(system.n)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
-        known[name] = (states[i], np.zeros(system.inputs))
+        known[name] = (states[i], none)
     for j, product in enumerate(system.products):
-        known[product.name] = (np.zeros(system.n), inputs[len(system.patches) + j])
+        known[product.name] = (no_state, inputs[len(system.patches) + j])
     for i, name in enumerate(system.names[2 * nq :], 2 * nq):
         known[f"{name}'"] = (modes.A[i], modes.b[i])
     for i, name in enumerate(system.coordinates):
         known[f"{name}''"] = (modes.A[nq + i], modes.b[nq + i])
     for p, patch in enumerate(system.patches):
         known[f"T:{patch.name}"] = (modes.friction[p], modes.friction_t[p])
-        known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(system.inputs))
+        known[f"w:{patch.name}"] = (system.slip_rows[p], none)
     _, normal_modes, clamped, _, thrown = system.modes(modes.key)
     for k, normal in enumerate(system.normals):
         closed = normal_modes[k] == 0
@@ -400,7 +402,7 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
         held = limits.get(mode)
         idle = any(of_position.get(i) == 0.0 for of_position in gains)  # a switch took the limiter out of the network
         row = limiter.row if held is None or idle else held * states[system.one]
-        known[f"c:{limiter.name}"] = (row, np.zeros(system.inputs))
+        known[f"c:{limiter.name}"] = (row, none)
     over_x = np.zeros((len(rows), system.n))
     over_t = np.zeros((len(rows), system.inputs))
     for i, entries in enumerate(rows):
