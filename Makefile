@@ -22,12 +22,12 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-PROCESSES := $(addprefix tests/bench/test_,board_runs.py in_plant.py live_checkpoint.py pace.py plant.py plant_controllers.py \
-    plant_operators.py plant_rebuilds.py recorder_outcome.py remote_runs.py runs.py streams.py triggered_run.py) \
-  $(addprefix tests/bus/test_,access.py processes.py session.py tickets.py wire.py) \
-  $(addsuffix /test_process.py,tests tests/controllers tests/record) \
-  $(addprefix tests/analysis/test_,cluster.py lockstep_proof.py) $(addprefix tests/cli/test_cli_,live.py tickets.py) tests/qualify/test_board_link.py \
-  $(addprefix tests/controllers/test_,device.py real_process.py) tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py recordings.py share.py studies.py web_command.py web_runs.py)
+PROCESSES := $(addprefix tests/web/test_,web_runs.py recordings.py studies.py web_command.py) $(addprefix tests/analysis/test_,cluster.py lockstep_proof.py) \
+    $(addprefix tests/bench/test_,runs.py board_runs.py remote_runs.py streams.py live_checkpoint.py in_plant.py pace.py plant.py plant_controllers.py \
+    plant_operators.py plant_rebuilds.py recorder_outcome.py triggered_run.py) \
+  $(addprefix tests/controllers/test_,device.py real_process.py) $(addprefix tests/cli/test_cli_,live.py tickets.py) tests/qualify/test_board_link.py \
+  tests/parts/test_live.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py share.py) tests/test_child.py \
+  $(addsuffix /test_process.py,tests tests/controllers tests/record) $(addprefix tests/bus/test_,access.py processes.py session.py tickets.py wire.py)
 DAILY := not slow and not bench and not browser and not peers
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
@@ -62,7 +62,7 @@ demo: install # a busy machine makes the timing invalid (3) and says so; the dem
 	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
 test: export PYTHONDONTWRITEBYTECODE = # or each of some hundred processes would compile rig anew
-test: tools # what computes, one thread each; then processes, which mostly wait, four at a time; then what judges time, alone
+test: tools # what computes, one thread each; then processes, which mostly wait, four at a time, the longest first; then what judges time, alone
 	@OPENBLAS_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
 	@$(RUN) pytest -n 4 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
 	@$(RUN) pytest -m "$(DAILY) and alone" $$(grep -l mark.alone $(PROCESSES))
