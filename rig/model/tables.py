@@ -122,6 +122,7 @@ class Tables(NamedTuple):
 
 
 _FEW_STATES = many_states_tables.empty(0, 0, 0, 0, 0)
+"""What all rigs without many states have in place of their tables."""
 
 
 @cache

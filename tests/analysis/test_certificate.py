@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis.robust.certificate import Examination, NoProof
+from rig.analysis.robust.certificate import Examination, NoProof, perron_bounds
 from rig.analysis.robust.growth import Growth, Matrix
 from rig.analysis.robust.search import PARTS, PROVED, REFUTED, UNDECIDED, examined
 from rig.analysis.robust.stated import box
@@ -134,6 +134,19 @@ def test_a_sampled_loop_is_judged_on_its_circle():
     assert certify(spread(ranges, rigs), 2, 0.8 * truth, period=period).verdict == PROVED
     assert certify(spread(ranges, rigs), 2, 1.01 * truth, period=period).verdict == REFUTED
     assert certify(spread([(0.95, 1.001), (0.5, 0.7)], rigs), 2, period=period).verdict == REFUTED
+
+
+def test_bounds_of_a_perron_root_hold_and_decide_whether_it_is_below_one():
+    rng = np.random.default_rng(1)
+    B = rng.random((200, 4, 4)) ** 3
+    truth = 1.0 + 1e-3 * rng.standard_normal(200)
+    B *= (truth / np.abs(np.linalg.eigvals(B)).max(axis=1))[:, None, None]
+    below, above = perron_bounds(B)
+    largest = B.max(axis=(1, 2), keepdims=True)
+    raised = np.abs(np.linalg.eigvals(B + 1e-12 * largest)).max(axis=1)  # so that no entry is zero
+    assert np.all((below <= raised + 1e-14) & (above >= truth))
+    assert (above < 1.0).tolist() == (truth < 1.0).tolist()
+    assert (below >= 1.0).tolist() == (truth >= 1.0).tolist()
 
 
 def test_a_matrix_with_a_kink_is_not_judged():

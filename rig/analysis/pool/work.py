@@ -184,12 +184,12 @@ def sources() -> str:
 
 def digest(scene: Scene, text: str) -> str:
     """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
-    decides = f"{kernel.source_key()} {_sources()} {np.__version__} {scene.digest} {text}"
+    decides = f"{kernel.source_key()} {_hash_of_sources()} {np.__version__} {scene.digest} {text}"
     return hashlib.sha256(decides.encode()).hexdigest()[:12]
 
 
 @cache
-def _sources() -> str:
+def _hash_of_sources() -> str:
     """A hash of the sources in `_ROOMS`."""
     known = hashlib.sha256()
     paths: list[Path] = []

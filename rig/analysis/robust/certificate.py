@@ -312,8 +312,8 @@ class Examination:
             while len(cells):
                 taken += len(cells)
                 B, at_middle, share = _bounds(part, self._region, cells, pairs)
-                below, above = _roots(B)
-                fails = np.where(_roots(at_middle)[0] >= 1.0, below, 0.0) if below.max() >= 1.0 else below
+                below, above = perron_bounds(B)
+                fails = np.where(perron_bounds(at_middle)[0] >= 1.0, below, 0.0) if below.max() >= 1.0 else below
                 if fails.max() >= 1.0:
                     return taken, _contributions(part, at_middle[np.argmax(fails)]), largest
                 open_ = ~(above < 1.0)
@@ -396,7 +396,7 @@ def _bordered(part: _Part, changes: Array, closest: Array) -> Array:
     return B
 
 
-def _roots(B: Array) -> tuple[Array, Array]:
+def perron_bounds(B: Array) -> tuple[Array, Array]:
     """Bounds of the Perron root of each matrix [cell, k, k], from below and above (Collatz and Wielandt).
 
     Every positive vector gives such bounds; those of powers of 1 + B, each the fourth of the one before, come close.
